@@ -15,8 +15,8 @@ import railslip_ctrl as rs
 
 WIDTH, HEIGHT = 1300, 1400  # CSS pixels of the window: room for the maps and the four plots
 SECONDS = 120.0  # longest wait for the answers of the server
-BUSY = "return verdict === null || !region || region.few || Object.values(questions).some((one) => one.asked)"
-SHAPED = "pin(); Object.assign(design.values, {kp: 365, ki: 120}); changed(true)"
+BUSY = "return verdict === null || !region || region.few || Object.values(requests).some((request) => request.pending)"
+SHAPED = "pin(); Object.assign(design.values, {kp: 365, ki: 120}); designChanged(true)"
 
 
 def browser() -> Any:

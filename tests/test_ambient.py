@@ -110,7 +110,7 @@ def test_a_picture_that_cannot_be_drawn_costs_neither_numbers_nor_files(tmp_path
 
 def test_a_picture_that_cannot_be_written_costs_no_number(tmp_path):
     (tmp_path / "stop.svg").mkdir()
-    with pytest.raises(InputError, match=r"^--out: not every picture .*: report.json; do"):
+    with pytest.raises(InputError, match=r"^--out: not every picture .*: report.json; "):
         write_results(tmp_path, {"report.json": "{}"}, lambda: {"stop": style.grid_of(1, 1, "", (1, 1))[0]}, ["svg"])
     assert (tmp_path / "report.json").read_text() == "{}"
 

@@ -118,7 +118,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("verify --law paper --slip 0.1", "--slip: 0.1 is not allowed with the law 'paper'"),
     ("verify --law layered", "--law: 'layered' was replaced by the predictive law; give --law predictive"),
     ("verify --law predictive --adhesion law.toml", "--adhesion: the law dahl has a state"),
-    ("verify --law robust --adhesion burckhardt --slip 0.05", "--adhesion: burckhardt is not allowed with the law 'robust'"),
+    ("verify --law robust --adhesion burckhardt --slip 0.05", "burckhardt is not allowed with the law 'robust'"),
     ("verify --law theirs", "--law: 'theirs' is not allowed; give 'paper' or 'robust' or 'predictive'"),
     ("verify --K 1e6", "--K: 1e+06 is not allowed; give a value from 0 to 10000 (N*m)"),
     ("verify --law predictive --D 3", "--D: 3 is not allowed; the predictive law has no D, leave it out"),
@@ -156,7 +156,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --speed 5", "--speed: 5 km/h is not allowed; give a value > 5 km/h, at which the run ends"),
     ("simulate --step 3", "error: --step: 3 s is not allowed; give a value <= 1 s"),
     ("simulate --period 0", "--period: 0 s is not allowed"),
-    ("simulate --csv no/such/folder/run.csv", "--csv: 'no/such/folder' is not a folder to write to"),
+    ("simulate --csv no/such/folder/run.csv", "--csv: 'no/such/folder' is not a writable folder"),
     (f"simulate --csv {os.devnull}", "is not a regular file; choose another"),
     ("simulate --csv .", "--csv: '.' is a folder; give a file name"),
     *((f"simulate --controller own.toml {x}", GIVEN) for x in ("--gains beam", "--kp 1", "--slip 0.1", "--adaptive")),
@@ -284,7 +284,7 @@ def test_a_law_without_closed_form_says_so(derived):
     assert derivation_json(derivation, (), code, numbers)["law"]["numbers"]["dry"]["latex"] is None
     for text in told(derivation, code, numbers):
         assert "Ta is evaluated from these numbers outside the control law" in text
-    with pytest.raises(InputError, match="'beam' .*'burckhardt'"):
+    with pytest.raises(InputError, match=r"'beam' .*'burckhardt'"):
         law_numbers(derived[0], published_law("beam", Rail.DRY))
 
 

@@ -335,7 +335,8 @@ def test_peak_its_error_and_its_reference_in_closed_form():
     held = law_coefficient("burckhardt", np.array([peak.reference]), V100)
     assert peak.reference_coefficient == pytest.approx(held[0], rel=1e-2)  # the fit is that good
     # of a vague one the allowed loss is given away
-    vague = replace(found, known=replace(found.known, coordinate_covariance=1e5 * found.known.coordinate_covariance))
+    covariance = 1e5 * found.estimate.coordinate_covariance
+    vague = replace(found, estimate=replace(found.estimate, coordinate_covariance=covariance))
     peak = peak_of_fit(vague, V100, LOAD, Rail.DRY)
     assert NORMAL_QUANTILE * peak.slip_stderr > peak.slip > peak.reference
     assert peak.reference_coefficient == pytest.approx((1 - results.LARGEST_LOSS) * peak.coefficient, rel=1e-9)
@@ -407,7 +408,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         low, high = Parameter("a", best[0], math.sqrt(found.covariance[0, 0]), "fitted").interval
         held += low <= 1.0 <= high
     assert binomtest(held, 2500, CONFIDENCE).pvalue > 0.01
-    beyond = np.abs(generator.standard_t(4.0, 200_000)) > log_checks.Rolling(*np.zeros(8), 4.0).sure
+    beyond = np.abs(generator.standard_t(4.0, 200_000)) > log_checks.Rolling(*np.zeros(8), 4.0).critical_value
     assert binomtest(int(beyond.sum()), beyond.size, log_checks._FALSE_ALARM).pvalue > 0.01
 
 

@@ -166,7 +166,7 @@ def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
     for told in (
         "line 401: a control character",
         f"line {len(lines)}: the file ends within this line",
-        "1 row with outliers left out, the first in line 701",
+        "1 row with outliers: left out, the first in line 701",
         "s before line 2001",
         "column 'a' has no unit: time is read in s",
     ):
@@ -215,7 +215,7 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json():
     text, file = " ".join(identification_text(found).split()), model_toml(found)
     assert all(heading in text for heading in ("Std. error", "Correlation", "BIC"))
     for sentence in told:
-        assert sum(sentence in each for each in (*found.warnings, *found.doubts)) == 1
+        assert sum(sentence in each for each in (*found.warnings, *found.fit_warnings)) == 1
         assert sentence in text
         assert any(line.startswith("# Warning: ") and sentence in line for line in file.splitlines())
         assert any(sentence in each for each in identification_json(found)["log"]["warnings"])
@@ -279,7 +279,7 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
     true, own = peak_of_law(law, speed * KMH, LOAD).slip, found.own_peak
     assert found.regimes == Regimes(own.slip, "the peak of beam")
     assert own.slip == pytest.approx(true, abs=NORMAL_QUANTILE * own.slip_stderr)
-    assert sum(found.curve.parted_at(own.slip)) == found.curve.survey.used
+    assert sum(found.curve.split_counts(own.slip)) == found.curve.survey.used
 
 
 def test_the_chosen_model_has_the_intervals_that_it_has_alone(monkeypatch):
@@ -289,7 +289,7 @@ def test_the_chosen_model_has_the_intervals_that_it_has_alone(monkeypatch):
     both = found_in("best")
     assert {score.fit.model.name for score in both.scores} == {*alone}
     for name in alone:  # the better one, and the other where several logs ask for it
-        found = job._choosing(both, name)
+        found = job._with_model(both, name)
         assert (found.chosen.fit.parameters, found.regimes) == (alone[name].chosen.fit.parameters, alone[name].regimes)
         assert sum(each is found.chosen for each in found.scores) == 1
     assert [each.fit.with_profiles for each in both.scores] == [each is both.chosen for each in both.scores]

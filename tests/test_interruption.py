@@ -47,7 +47,7 @@ def at_work(wait):
 
 def reporting(folder):
     command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=folder)
-    assert "the best design" in command.stderr.readline()
+    assert "over the envelope of" in command.stderr.readline()
     return command
 
 

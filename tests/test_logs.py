@@ -275,7 +275,7 @@ TWO = ["time", "v", "omega", "omega", "Tb"]
 
 
 @pytest.mark.parametrize(("header", "columns", "units", "message"), [
-    (["time", "v", "vw"], {}, {}, "no column for brake_torque; call one 'brake torque'"),
+    (["time", "v", "vw"], {}, {}, "no column for brake_torque; name its column 'brake torque'"),
     (["time", "v", "Tb"], {}, {}, "no column for wheel_speed"),
     (["time", "v", "speed", "vw", "Tb"], {}, {}, "train_speed may be any of 'v', 'speed'"),
     (list(WHOLE.values()), {"train_speed": "velocity"}, {}, "train_speed: no column is called 'velocity'"),
@@ -288,7 +288,7 @@ TWO = ["time", "v", "omega", "omega", "Tb"]
     (["time", "v", "omega [1/s]", "Tb"], {}, {}, "'1/s' may mean cycles or radians; give a unit of wheel_angular_spe"),
     (["time", "v", "vw [rad/s]", "omega", "Tb"], {}, {}, r"angular_speed may be any of 'vw \[rad/s\]', 'omega'"),
     (TWO, {}, {}, "`columns` wheel_angular_speed=HEADER, .*: 3 or 4"),
-    (TWO, {"wheel_angular_speed": "omega"}, {}, r"2 columns are called 'omega'; .*, or by its place: 3 or 4"),
+    (TWO, {"wheel_angular_speed": "omega"}, {}, r"2 columns are called 'omega'; .*, or by its position: 3 or 4"),
     (TWO, {"wheel_angular_speed": "6"}, {}, "no column is called '6'"),
 ])  # fmt: skip
 def test_columns_that_cannot_be_told(header, columns, units, message):
@@ -377,7 +377,7 @@ def test_a_stamp_far_off_is_left_out_and_named(tmp_path, line, stamp, block_byte
     ({i: f"{0.01 * (i - 2) - 0.2:.2f}" for i in range(60, 122)}, "60: time .* goes back from 0.57"),
 ])  # fmt: skip
 def test_time_that_does_not_grow_is_refused_with_its_line(tmp_path, stamps, message, block_bytes):
-    with pytest.raises(InputError, match=f"log.csv: line {message}.*; give times that grow"):
+    with pytest.raises(InputError, match=f"log.csv: line {message}.*; give increasing times"):
         read(write(tmp_path, with_stamps(ROWS, stamps)), block_bytes=block_bytes)
 
 
@@ -521,7 +521,7 @@ def test_free_rolling_is_as_sure_as_a_median_and_not_seen_while_the_train_is_bra
     for torque, deceleration in ((0.0, 0.0), (3000.0, 3000.0 / (RADIUS * PARK2008.mass)), (3000.0, 0.14)):
         rolling, speed = log_checks.FreeRolling(PARK2008), 100.0 * KMH - deceleration * time
         rolling.add(np.stack([time, speed, (1.0 - slip) * speed / RADIUS, 0.0 * time + torque, 0.0 * time + LOAD]))
-        found.append(rolling.found())
+        found.append(rolling.result())
     free, braked, coasting = found
     assert (free.slip, free.torque) == (pytest.approx(-0.013, abs=5 * free.slip_error), 0.0)
     # of a median of means: 1.25 sigma over root n, and windows that lie half over each other
@@ -579,7 +579,7 @@ def test_columns_are_brought_to_the_wheel_s_time_and_zero_however_a_log_is_cut(c
 
 
 @pytest.mark.parametrize(("option", "value", "text"), [
-    ("--delay", "time=0.1", "--delay: 'time' is no quantity of a log; choose one of train_speed, "),
+    ("--delay", "time=0.1", "--delay: 'time' is not a quantity of a log; choose one of train_speed, "),
     ("--delay", "brake_torque=3", "--delay brake_torque: 3 s is not allowed; give at most 2 s"),
     ("--skip-lines", "2", "log.csv: empty, or no header from line 3 on; give a CSV"),
     ("--skip-lines", "-1", "--skip-lines: '-1' is not allowed; give a whole number from 0"),
@@ -675,7 +675,7 @@ def test_a_time_in_another_unit_than_it_is_read_in_is_told(tmp_path, unit, secon
     ({"brake_torque": -1.0}, {}, "negative in .* rows with slip and positive in 0 rows; .*reverse its sign"),
     ({"brake_torque": 1e300}, {}, r"brake torque 1.*e\+30. N\*m .*any wheel \(\d+ such rows\); check"),
     ({}, {"delays": {"brake_torque": 0.1}, "zeros": {"train_speed": 30.0}}, "the rows are corrected by `delays` br"),
-    ({}, {"time_constant": 50.0}, "after the start the observer settles for 250 s; give a smaller `time_constant`"),
+    ({}, {"time_constant": 50.0}, "the observer settles for 250 s after .*; give a smaller `time_constant`"),
 ])  # fmt: skip
 def test_what_leaves_no_row_is_refused_with_its_cause(recwarn, factors, options, message):
     with pytest.raises(InputError, match=message):

@@ -146,7 +146,7 @@ def trial_of(law=BEAM, speed=SPEED, interval=INTERVAL, **course):
     (lambda: KalmanObserver.of(PARK2008, ENCODER, SENSOR, interval=1, change=-1, within=1), "change: -1"),
     *((lambda k=k: (kalman_of(**k).sampled_gain, kalman_of(**k).continuous_gain), NO_GAIN) for k in NOISE),
     *((lambda o=o: o.sampled(0.0), "interval: 0 s is not allowed") for o in (OBSERVERS[0], KALMAN)),
-    (lambda: KALMAN.run([0, 1, 1], [1, 1, 1], [1, 1, 1]), "time: 1 in row 2 is not after 1; give growing times"),
+    (lambda: KALMAN.run([0, 1, 1], [1, 1, 1], [1, 1, 1]), "time: 1 in row 2 is not after 1; give increasing times"),
     (lambda: KALMAN.run([0.5], [0], [60], KALMAN.run([1], [0], [60]).state), "time: 0.5 in row 0 is not after 1"),
     (lambda: KALMAN.run([0, 1], [1, np.nan], [1, 1]), "torque: nan in row 1"),
     (lambda: KALMAN.run([0, 1], [1, 1, 1], [1, 1]), r"torque: shape \(3,\)"),

@@ -25,7 +25,7 @@ from railslip_ctrl.design.gain_map import Screen, gain_levels, hard_plants
 from railslip_ctrl.design.stabilizing import intersection, stabilizing_pi
 from railslip_ctrl.design.workbench import Workbench
 from railslip_ctrl.page.answers import ANSWERS, POINTS
-from railslip_ctrl.page.server import LARGEST_REQUEST, Desk, PageServer
+from railslip_ctrl.page.server import LARGEST_REQUEST, Dispatcher, PageServer
 
 HELD = {"dry": 0.1, "wet": 0.07}
 ENVELOPE = rs.Envelope(speeds=(20, 100), laws="bristle", loads="empty", reference=HELD)
@@ -76,7 +76,7 @@ class Client:
 
 @contextmanager
 def served(bench, port=0):
-    with Desk(bench).opened() as desk, PageServer(desk, port) as server:
+    with Dispatcher(bench).opened() as dispatcher, PageServer(dispatcher, port) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             yield Client(server.address)
@@ -390,16 +390,16 @@ def test_large_and_shapeless_requests_are_refused(page):
 
 
 def test_the_newest_question_of_a_tab_wins(page):
-    desk = Desk(Workbench(ENVELOPE))
+    dispatcher = Dispatcher(Workbench(ENVELOPE))
     asked = {"design": DESIGN}
-    assert desk.answer("loop", "one tab", 7, asked)
-    assert desk.answer("loop", "one tab", 6, asked) is None
-    assert desk.answer("loop", "another tab", 1, asked)
-    assert desk.answer("start", "one tab", 1, {})
+    assert dispatcher.answer("loop", "one tab", 7, asked)
+    assert dispatcher.answer("loop", "one tab", 6, asked) is None
+    assert dispatcher.answer("loop", "another tab", 1, asked)
+    assert dispatcher.answer("start", "one tab", 1, {})
     for i in range(2000):  # tabs that come and go
-        desk._newest[f"{i}", "loop"] = 1
-    assert desk.answer("loop", "one tab", 8, asked)
-    assert len(desk._newest) <= 64 * len(ANSWERS)
+        dispatcher._newest[f"{i}", "loop"] = 1
+    assert dispatcher.answer("loop", "one tab", 8, asked)
+    assert len(dispatcher._newest) <= 64 * len(ANSWERS)
 
 
 @pytest.mark.long

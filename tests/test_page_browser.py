@@ -14,7 +14,7 @@ import railslip_ctrl as rs
 from railslip_ctrl.design.workbench import Workbench
 
 WIDE = rs.Envelope(laws="bristle", loads="empty")
-IDLE = "Object.values(questions).every((one) => !one.asked && !one.again)"
+IDLE = "Object.values(requests).every((request) => !request.pending && !request.repeat)"
 
 FLAGS = ("headless=new", "no-sandbox", "disable-gpu", "hide-scrollbars", "window-size=1300,1000")
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -335,7 +335,7 @@ def test_it_fits_phones_tables_and_desks(chromium, tab, width, dark):
     tab.until("return kindNow().loop === false && stops !== null")
     scheme[0]["value"] = "light" if dark else "dark"
     chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": scheme})
-    tab.until(f"return inks.paper === '{'#ffffff' if dark else '#14171c'}'")
+    tab.until(f"return colours.paper === '{'#ffffff' if dark else '#14171c'}'")
     for name in ("envelope-map", "gain-map"):
         assert (sum(tab.run(corner.replace("nyquist", name))) < 150) != dark
     chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})

@@ -119,7 +119,7 @@ def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
     assert found.sampled.ms == expected.ms > found.margins.ms
     assert margins_json(found)["sampled"]["ms"] == expected.ms
     assert assess(plant, linear_control(SYSTEM, reference=REFERENCE, period=1e-4), PARK2008.actuator).as_run is None
-    assert "As run, sampled every 0.1 s: Ms 1.58" in margins_text([found])
+    assert "period 0.1 s: Ms 1.58" in margins_text([found])
 
 
 ACTUATOR = PARK2008.actuator

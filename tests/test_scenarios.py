@@ -435,7 +435,7 @@ def test_options_reach_the_run(simulated, file, words, expected):
     if "train" in words:
         assert re.search(r"inertia scale 1 .*\b3\.6", err)
         assert "No travelling resistance is given" in err
-        assert f"Begins with            mass 4000 kg, wheel load {4000 * 9.80665:g} N" in simulated(*words.split())[1]
+        assert f"mass 4000 kg, wheel load {4000 * 9.80665:g} N" in simulated(*words.split())[1]
     if not found["stopped"]:
         assert f"NO STOP: {found['outcome']}, after" in simulated(*words.split())[1]
 

@@ -1,7 +1,8 @@
-"""The `railslip` command; each file has one subcommand, which parses its options, calls the package and prints.
+"""The `railslip` command; each subcommand has its own file, which parses the options, calls the package and prints.
 
-Imports every room. Begin with `program`, which has the list of commands. `options` has the options that commands share
-and the records built from them, `settings` the helpers for a command's own options, `output` prints.
+This package may import every other one. Begin with `program`, which has the list of commands. `options` has the options
+that commands share and the records built from them, `settings` the helpers for a command's own options, and `output`
+the functions that print.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from typing import NoReturn
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; an error or an interruption is reported in one line on standard error."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up as after Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # cleans up as after Ctrl-C
     _ignore_user_settings()
     try:
         from .program import run
 
         run(arguments)
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process is ending already
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not disturb the exit
         print("\n" * sys.stderr.isatty() + "railslip: interrupted", file=sys.stderr)  # new line after the terminal's ^C
         sys.exit(130)
 
@@ -33,7 +34,7 @@ def _ignore_user_settings() -> None:
 
     Python sets a stream that the shell has closed (>&-) to None. The next opened file would get its descriptor.
     """
-    os.environ["MPLBACKEND"] = "agg"  # Matplotlib reads it on import; Jupyter's may not be installed here
+    os.environ["MPLBACKEND"] = "agg"  # Matplotlib reads it on import; Jupyter's choice may not be installed here
     sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115  # these streams stay open until the process ends
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115

@@ -27,7 +27,7 @@ from railslip_ctrl.simulation.campaign.specification import Campaign, load_campa
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
-from .options import controller_option, refuse_given, tell_remarks
+from .options import controller_option, print_remarks, refuse_given
 from .output import progress, show
 from .settings import HELP, json_option, option, preset, switch
 
@@ -43,17 +43,17 @@ _PICTURES = ("distributions", "scatter")  # PNG
     required=True,
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Folder for runs (Parquet), report and pictures; a campaign begun there is continued.",
+    help="Folder for runs (Parquet), report and pictures; an unfinished campaign in this folder is continued.",
 )
-@option("--workers", "N", "Processes.", "one for each core", type=int)
-@option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
+@option("--workers", "N", "Number of processes.", "one for each core", type=int)
+@option("--scheduler", "ADDRESS", "Dask scheduler whose workers run the campaign, tcp://HOST:PORT.", "none")
 @preset("--device", "cpu|gpu", "Run on the processor's cores, or on an NVIDIA GPU (extra gpu).", "cpu")
-@preset("--worst-by", "MEASURE", "Column that ranks the worst runs.", "braking_distance_m")
-@option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
+@preset("--worst-by", "MEASURE", "Measure that ranks the worst runs.", "braking_distance_m")
+@option("--replay", "I", "Repeat run number I and write its time series (CSV, picture).", "none", to="number", type=int)
 @option("--rare", "lock|BOUND", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
-@switch("--confidence-levels", "Table of Kdry_rst, the deceleration's factor for ETCS confidence levels 0 to 9.")
+@switch("--confidence-levels", "Table of Kdry_rst, the factor on the deceleration for ETCS confidence levels 0 to 9.")
 @preset("--points", "N", "With --rare or --confidence-levels: number of stops in each level.", POINTS, type=int)
-@switch("--internal", "With --replay: write the controllers' internal state into the time series too.")
+@switch("--internal", "With --replay: also write the controllers' internal state into the time series.")
 @json_option
 def command(
     campaign_file: Path,
@@ -74,8 +74,8 @@ def command(
 
     The runs use every core. An interrupted campaign is continued. Exit status 0, or 2 for bad input.
 
-    The adhesion law is the scenario's; there is no --adhesion. Name a scenario file in CAMPAIGN.toml (scenario =
-    "own.toml") and the law in that file (adhesion = "beam", or adhesion = "law.toml" for your own).
+    The adhesion law comes from the scenario; there is no --adhesion. Name a scenario file in CAMPAIGN.toml (scenario =
+    "own.toml"), and the law in that file (adhesion = "beam", or adhesion = "law.toml" for your own).
 
     Example: railslip campaign tolerances.toml --out tolerances
     """
@@ -86,13 +86,13 @@ def command(
     if device == "gpu":
         refuse_given("workers", "scheduler", because="with --device gpu")
     campaign = replace(load_campaign(campaign_file, controllers=controller), device=device)
-    tell_remarks(campaign.scenario.vehicle)
+    print_remarks(campaign.scenario.vehicle)
     if rare is not None or confidence_levels:
         both = "with --rare or --confidence-levels"
         refuse_given("device", "worst_by", "number", "internal", *(["rare"] if confidence_levels else []), because=both)
         estimate = confidence_levels_of if rare is None else partial(rare_event, event=rare)
-        found = estimate(campaign, folder=out, workers=workers, scheduler=scheduler, points=points, progress=progress)
-        _show_rare(found, out, _scenario_from(campaign_file, out), as_json=as_json)
+        result = estimate(campaign, folder=out, workers=workers, scheduler=scheduler, points=points, progress=progress)
+        _show_rare(result, out, _scenario_from(campaign_file, out), as_json=as_json)
         return
     refuse_given("points", because="without --rare or --confidence-levels")
     if number is None:
@@ -102,8 +102,8 @@ def command(
         _replay(campaign, number, out, internal=internal, as_json=as_json)
         return
     check_measure(worst_by)
-    with _bar(campaign.runs) as tell:
-        store = execute(campaign, out, workers=workers, scheduler=scheduler, progress=tell)
+    with _bar(campaign.runs) as advance:
+        store = execute(campaign, out, workers=workers, scheduler=scheduler, progress=advance)
     progress("statistics and pictures")
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)
@@ -115,21 +115,21 @@ def command(
     progress(f"wrote {count} files to {out}")
 
 
-def _show_rare(found: RareEvent | ConfidenceLevels, out: Path, scenario: str, *, as_json: bool) -> None:
+def _show_rare(result: RareEvent | ConfidenceLevels, out: Path, scenario: str, *, as_json: bool) -> None:
     def figures() -> Drawings:
         from railslip_ctrl.report.plots.runs import tail_figure
 
-        return {"tail": tail_figure(found)}
+        return {"tail": tail_figure(result)}
 
     try:
-        count = write_results(out, files_of(found, scenario), figures, ["png"])
+        count = write_results(out, files_of(result, scenario), figures, ["png"])
     finally:
-        show(as_json, lambda: json_of(found), lambda: text_of(found))
+        show(as_json, lambda: json_of(result), lambda: text_of(result))
     progress(f"wrote {count} files to {out}")
 
 
 def _scenario_from(campaign_file: Path, out: Path) -> str:
-    """Path or name of a campaign file's scenario, as a file in the folder `out` has to write it."""
+    """Return the name of a campaign file's scenario; if it is a file, its path relative to the folder `out`."""
     named = str(read_toml(campaign_file)["scenario"])
     return os.path.relpath(campaign_file.parent / named, out) if named.lower().endswith(".toml") else named
 
@@ -152,7 +152,7 @@ def _replay(campaign: Campaign, number: int, out: Path, *, internal: bool, as_js
 
 
 def _write_csv(run: Run, path: Path, *, internal: bool) -> None:
-    """Write the time series of a run in SI with every digit; a value that is not a number is left empty."""
+    """Write the time series of a run in SI with all digits; NaN becomes an empty cell."""
     assert run.signals is not None, "a replay records them"
     own = run.controller_signals.items() if internal else ()
     columns = {**run.signals._asdict(), **{f"controller_{name}": values for name, values in own}}
@@ -181,7 +181,7 @@ def _bar(runs: int) -> Iterator[Callable[[int], None]]:
     task = bar.add_task("runs", total=runs)
 
     def advance(done: int) -> None:
-        bar.start()  # not earlier: a command that is refused prints its message alone
+        bar.start()  # not earlier: a rejected command prints only its message
         bar.advance(task, done)
 
     try:

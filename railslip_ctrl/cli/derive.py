@@ -36,8 +36,8 @@ _LAWS = ("published", "predictive")
 @option(
     "--adhesion",
     "LAW|FILE.toml",
-    f"Adhesion law inserted for Ta: {', '.join(law_names())}; or a file, whose numbers are inserted too.",
-    "none; Ta stays an argument",
+    f"Adhesion law inserted for Ta: {', '.join(law_names())}; or a file, whose numbers are also inserted.",
+    "none; Ta stays an argument of the law",
 )
 @number_option(
     "--initial-speed",
@@ -65,8 +65,8 @@ def command(
 ) -> None:
     """Derive the sliding-mode law from the plant and check each step by machine.
 
-    Shows the errata of the paper and the generated code too. The law is symbolic; with the file of an adhesion law its
-    numbers are shown as well. Exit status 0, or 2 for bad input.
+    Also prints the errata of the paper and the generated code. The law is symbolic; with the file of an adhesion law,
+    the law with numbers is also printed. Exit status 0, or 2 for bad input.
 
     Example: railslip derive --adhesion bristle --format latex --out derivation.tex
     """
@@ -113,7 +113,7 @@ def _check_out(out: Path, form: str) -> None:
 def _derived(
     reference: Reference, adhesion: str | None, law: AdhesionLaw | None, file: Path | None
 ) -> tuple[Derivation, LawCode, tuple[LawNumbers, ...]]:
-    """Return the derivation, the law's code, and the numbers of an adhesion file."""
+    """Return the derivation, the code of the law, and the law with the numbers of an adhesion file."""
     derivation = derive(reference=reference, law=adhesion)
     numbers = () if law is None else law_numbers(derivation, law)
     code = generate(derivation)
@@ -133,16 +133,16 @@ def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, f
 
 
 def _check_predictive(reference: str, adhesion: str | None, initial_speed: float | None, form: str) -> None:
-    """Raise InputError for an option that only the published law has."""
+    """Raise InputError if an option is given that only the published law has."""
     if reference != "proportional":
         raise InputError(f"--reference: {reference!r} goes with --law published; the predictive law holds a slip ratio")
     if adhesion is not None or initial_speed is not None:
         name = "--initial-speed" if adhesion is None else "--adhesion"
-        raise InputError(f"{name}: goes with --law published; leave it out, the predictive law estimates the torque")
+        raise InputError(f"{name}: goes with --law published; leave it out: the predictive law estimates the torque")
 
 
 def _predictive_program(name: str) -> CProgram:
-    """Return the predictive law of the published vehicle as C; `tune` writes it for other vehicles."""
+    """Return the predictive law of the published vehicle as C; `railslip tune` writes it for other vehicles."""
     return c_program(Predictive.for_vehicle(PARK2008), PARK2008, name=name)
 
 
@@ -167,5 +167,5 @@ def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None,
     if initial_speed is not None:
         raise InputError("--initial-speed: selects the numbers of an --adhesion file; leave it out without a file")
     if adhesion is not None and adhesion.lower().endswith(".py"):
-        raise InputError(f"--adhesion: {adhesion}: derive takes no Python file; give a law by name, or FILE.toml")
+        raise InputError(f"--adhesion: {adhesion}: derive cannot use a Python file; give a law by name, or FILE.toml")
     return None if adhesion is None else law_class(adhesion).name, None, None

@@ -7,7 +7,7 @@ import webbrowser
 import click
 
 from railslip_ctrl.design.workbench import Workbench
-from railslip_ctrl.page.server import Desk, PageServer
+from railslip_ctrl.page.server import Dispatcher, PageServer
 from railslip_ctrl.report.export import json_text
 
 from .margins import given_controller
@@ -31,11 +31,11 @@ _LARGEST_PORT = 65_535
 @option(
     "--envelope",
     "default|FILE",
-    "Envelope to shape the loop for, as in `margins`; --rail, --adhesion, --speed, --slip and --loaded narrow it.",
+    "Envelope for the design, as in `margins`; --rail, --adhesion, --speed, --slip and --loaded narrow it.",
     "the vehicle's own or the default",
 )
-@gain_options("by the page's rule")
-@controller_option("a PI-lead by rule; with --kp and --ki a PI")
+@gain_options("chosen by the page")
+@controller_option("a PI-lead with gains chosen by the page; with --kp and --ki a PI")
 @preset(
     "--port",
     "N",
@@ -56,8 +56,8 @@ def command(
     """Shape the loop by hand in the browser.
 
     While you drag, the page shows the gains that stabilise the whole envelope, the loop with its exact margins, and
-    braking runs. It saves the controller for every other command. Only this machine can reach the page. Interrupt the
-    command to end it. Exit status 0, or 2 for bad input.
+    braking runs. It saves the controller as a file for every other command. Only this machine can reach the page.
+    Interrupt the command to end it. Exit status 0, or 2 for bad input.
 
     Example: railslip design --vehicle my_train.toml --no-browser --port 8050
     """
@@ -67,13 +67,13 @@ def command(
     if controller is not None or gains is not None:
         point = judged.points(nominal=True).plants[0].point
         given = given_controller(controller or "pi", point, gains, judged.reference)
-    desk = Desk(Workbench(judged, given))
-    server = PageServer(desk, whole_number("--port", port, 0, _LARGEST_PORT))
+    dispatcher = Dispatcher(Workbench(judged, given))
+    server = PageServer(dispatcher, whole_number("--port", port, 0, _LARGEST_PORT))
     try:
-        with server, desk.opened():
+        with server, dispatcher.opened():
             click.echo(json_text({"address": server.address}) if as_json else server.address)
             if not no_browser:
                 webbrowser.open(server.address)
             server.serve_forever()
-    except KeyboardInterrupt:  # the regular end
+    except KeyboardInterrupt:  # the usual way to end the command
         progress("the page is no longer served")

@@ -32,11 +32,11 @@ from railslip_ctrl.report.identification import (
 )
 from railslip_ctrl.report.pictures import Drawings, write_results
 
-from .options import from_file, number_option, tell_remarks, whole_number
+from .options import from_file, number_option, print_remarks, whole_number
 from .output import progress, show
 from .settings import HELP, json_option, option, options_named, path_option, preset, switch
 
-_BAR_FROM_BYTES = 8 << 20  # size of logs from which a progress bar is shown; smaller ones are read at once
+_BAR_FROM_BYTES = 8 << 20  # size of logs from which a progress bar is shown, bytes; smaller ones are read quickly
 _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's first megabyte
 
 
@@ -45,11 +45,11 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @preset(
     "--model",
     "|".join(("best", *MODELS)),
-    "Model to fit. best: fit all but bristle_rest, choose the lowest BIC among those with a formula.",
+    "Model to fit. best: fit all but bristle_rest and choose the lowest BIC of the models with a formula.",
     "best",
 )
 @preset("--rail", "dry|wet", "Rail condition of the log.", "dry")
-@path_option("--vehicle", "FILE", "Vehicle.", "the published")
+@path_option("--vehicle", "FILE", "Vehicle file.", "the published vehicle")
 @switch("--loaded", "Use the vehicle's loaded wheel load.")
 @number_option("--initial-speed", "km/h", "Speed v0 at which the brake was applied, km/h.", "the log's highest", gt=0)
 @number_option(
@@ -60,7 +60,11 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
     gt=0,
 )
 @number_option(
-    "--tau", "s", "Time constant of the observer, s.", "0.05, or five intervals of the log if that is more", gt=0
+    "--tau",
+    "s",
+    "Time constant of the observer, s.",
+    "0.05, or five intervals of the log if that is more",
+    gt=0,
 )
 @preset(
     "--observer",
@@ -72,7 +76,7 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @option(
     "--column",
     "NAME=HEADER",
-    f"Column header, or column number from 1, of a quantity NAME, one of {', '.join(UNITS)}; repeatable.",
+    f"Header or number (from 1) of the column of a quantity NAME, one of {', '.join(UNITS)}; repeatable.",
     "the quantity's name",
     multiple=True,
 )
@@ -87,14 +91,16 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @option(
     "--delay",
     "NAME=S",
-    "Delay of a quantity's column, s; half the interval if a speed is a difference of encoder counts; repeatable.",
+    "Delay of a quantity's column, s; half an interval if a speed is a difference of encoder counts; repeatable.",
     "0",
     multiple=True,
 )
 @option(
     "--zero", "NAME=VALUE", "Sensor offset of a quantity's column, SI or with a unit; repeatable.", "0", multiple=True
 )
-@option("--fix", "PARAMETER=VALUE", "Parameter not to be fitted, SI or with a unit; repeatable.", "none", multiple=True)
+@option(
+    "--fix", "PARAMETER=VALUE", "Parameter that is not fitted, SI or with a unit; repeatable.", "none", multiple=True
+)
 @option(
     "--bound",
     "PARAMETER=LOW:HIGH",
@@ -106,9 +112,9 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @path_option(
     "--observed",
     "FILE",
-    "CSV to write, a row for each row of the log under brake: observed adhesion torque and coefficient, slip, speed "
-    "and load after the observer's filter, and the regime (adhesion below the slip of the chosen model's peak, else "
-    "sliding).",
+    "CSV file with one row for each row of the log under brake: observed adhesion torque and coefficient, slip, speed "
+    "and load after the observer's filter, and the regime (adhesion below the slip of the chosen model's peak, "
+    "sliding above it).",
 )
 @json_option
 def command(
@@ -120,9 +126,9 @@ def command(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Fit adhesion models to a brake-rig log; show the curve, the models and the reference slip.
+    """Fit adhesion models to a brake-rig log; print the curve, the models and the reference slip.
 
-    From several logs the parameters follow as functions of v0.
+    With several logs the parameters are fitted as functions of v0.
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
     optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kNm]", "time_ms". The units may
@@ -140,16 +146,16 @@ def command(
         raise InputError(f"LOG.csv: {STANDARD_INPUT} is given more than once; standard input can be read once")
     if observed is not None:
         if len(logs) > 1:
-            raise InputError(f"--observed: goes with one log, but there are {len(logs)}; run them one by one")
+            raise InputError(f"--observed: goes with one log, but there are {len(logs)}; run the logs one by one")
         check_file(observed, "--observed")
         if observed.exists() and any(log.exists() and log.samefile(observed) for log in logs):
             raise InputError(f"--observed: {str(observed)!r} is the log itself; give another file")
     if out is not None:
         check_directory(out, _file_names(len(logs)))
         if observed is not None and observed.resolve() in {out.resolve(), *(out.resolve() / n for n in _file_names(1))}:
-            raise InputError(f"--observed: {str(observed)!r} is --out or a file of it; give another file")
+            raise InputError(f"--observed: {str(observed)!r} is --out or a file in it; give another file")
     chosen = PARK2008 if vehicle is None else from_file("--vehicle", vehicle, load_vehicle)
-    tell_remarks(chosen)
+    print_remarks(chosen)
     chosen = chosen.loaded() if loaded else chosen
     with _bar(logs, as_json) as advance, observed_rows(observed, chosen.wheel.radius) as sink:
         result: Identification | LogSeries = (
@@ -171,7 +177,7 @@ def command(
             message += ", the model to model.toml" if "model.toml" in files else ""
             if isinstance(result, LogSeries):
                 message += " (select v0 by --initial-speed)" if "model.toml" in files else ""
-                message += "; model-1.toml and so on hold only for the v0 of their log"
+                message += "; model-1.toml and so on are valid only for the v0 of their log"
             progress(message)
     finally:
         show(as_json, lambda: content, lambda: _report(result))
@@ -250,7 +256,7 @@ def _warn(result: Identification | LogSeries) -> None:
     for each in (result,) if isinstance(result, Identification) else result.logs:
         for note in each.curve.notes:
             progress(options_named(f"note: {each.curve.name}: {note}"))
-        for warning in (*each.warnings, *each.doubts):
+        for warning in (*each.warnings, *each.fit_warnings):
             progress(options_named(f"warning: {warning}"))
     if isinstance(result, LogSeries):
         for warning in result.warnings:

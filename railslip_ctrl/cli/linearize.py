@@ -16,7 +16,7 @@ from .settings import HELP, switch
 @case_options()
 @switch("--speed-state", "Keep the train speed as a state instead of freezing it.")
 def command(cases: CaseOptions, as_json: bool, speed_state: bool) -> None:
-    """Linearise the plant from brake torque at the wheel to sigma, lambda and the tracking error.
+    """Linearise the plant from brake torque at the wheel to slip velocity, slip ratio and tracking error.
 
     Exit status 0, or 2 for bad input.
 

@@ -28,7 +28,7 @@ from .settings import HELP, option, switch
 
 @click.command(context_settings=HELP)
 @options.case_options()
-@options.envelope_options("none; the operating points of the options are judged")
+@options.envelope_options("none; margins are computed at operating points")
 @options.gain_options("Table 4's")
 @options.controller_option("a PI of --kp, --ki and --lead")
 @option(
@@ -39,7 +39,7 @@ from .settings import HELP, option, switch
     type=options.Number("s", ge=0),
 )
 @option("--lead-filter", "F", "Filter time constant F, s.", "a tenth of the lead", type=options.Number("s", ge=0))
-@switch("--certify", "Give proven bounds on all margins, of relative width at most 1e-9.")
+@switch("--certify", "Also compute proven bounds of all margins, with a relative width of at most 1e-9.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -54,9 +54,9 @@ def command(
     lead_filter: float | None,
     certify: bool,
 ) -> None:
-    """Compute stability margins with the exact dead time at operating points, or one verdict over an envelope.
+    """Compute stability margins with the exact dead time at operating points, or a verdict over an envelope.
 
-    The controller is a PI, any linear controller or the seeking controller; discrete controllers are judged as sampled.
+    The controller is a PI, any linear controller or the seeking controller; a discrete controller has a sampled loop.
     A controller from a file is judged at its own reference slip unless --slip is given. Exit status 1 if a loop is
     unstable, 2 for bad input.
 
@@ -88,7 +88,7 @@ def command(
         below = given.controlled_from / KMH
         slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
         if slow:
-            options.warn(f"--controller: hands over below {below:.4g} km/h, and controls no slip at {min(slow):g} km/h")
+            options.warn(f"--controller: no slip control below {below:.4g} km/h, but judged at {min(slow):g} km/h")
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
         for point in points
@@ -110,14 +110,14 @@ def given_controller(
 ) -> Any:
     """Return the controller that `--controller` names, for the vehicle of an operating point.
 
-    If the controller has no reference slip it gets `reference`, or else that of the adhesion law.
+    A controller without a reference slip gets `reference`, or that of the adhesion law if `reference` is None.
     """
     from railslip_ctrl.design.catalogue import controller_named, default_column
 
     slips = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
     if options.is_file(text):
         if gains is not None:
-            raise InputError(f"--kp: does not go with a controller from a file; put it into {text}")
+            raise InputError(f"--kp: does not go with a controller from a file; write it into {text}")
         return options.controller_from_file(text, point.vehicle, slips, point.speed)
     name = options.controller_name(text)
     return controller_named(name, point.vehicle, column=default_column(point.law), gains=gains, reference=slips)

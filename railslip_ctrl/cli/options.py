@@ -46,8 +46,8 @@ from .settings import Option, json_option, option, path_option, preset, switch
 R = TypeVar("R")
 
 _WARNED = "railslip_ctrl.warned"  # key in the command's context: set of warnings already printed
-_LOAD_TOLERANCE = 0.1  # relative difference from the log's wheel load without a warning: a car empty or half full
-_SPEED_TOLERANCE = 0.1  # relative difference from the log's v0 without a warning: mu_max in Table 1 changes by 3 %
+_LOAD_TOLERANCE = 0.1  # relative deviation from the log's wheel load without a warning; about that of a half-full car
+_SPEED_TOLERANCE = 0.1  # relative deviation from the log's v0 without a warning; changes mu_max of Table 1 by 3 %
 
 DEFAULT_ENVELOPE = "default"
 
@@ -78,7 +78,7 @@ class Number(click.ParamType[float]):
 
 
 def whole_number(option: str, text: str, least: int, largest: int) -> int:
-    """Return the whole number in an option's `text`; InputError if it is not a whole number or out of range."""
+    """Return the whole number in an option's `text`; InputError if it is none, or not from `least` to `largest`."""
     if not (text.isascii() and text.isdigit() and len(text) <= 20 and least <= int(text) <= largest):
         raise InputError(f"{option}: {text[:60]!r} is not allowed; give a whole number from {least} to {largest}")
     return int(text)
@@ -119,7 +119,7 @@ class CaseOptions:
         """Return the vehicle with the load or the first mass given; print the assumptions about it."""
         chosen = self.given_vehicle.loaded() if self.loaded else self.given_vehicle
         chosen = _with_mass(chosen, self.masses[0] if self.masses else None)
-        tell_remarks(chosen)
+        print_remarks(chosen)
         return chosen
 
     @cached_property
@@ -141,16 +141,16 @@ class CaseOptions:
         return vehicle.model_copy(update=update)
 
     def name_points(self) -> bool:
-        """Return True if an option selects operating points."""
+        """Return True if an option that selects operating points is given."""
         return bool(self.rails or self.speeds or self.masses or self.loaded or self.slip is not None) or _is_given(
             "adhesion"
         )
 
     def envelope(self, given: str = DEFAULT_ENVELOPE) -> Envelope:
-        """Return the envelope of a file, or the vehicle's own, or the default, narrowed by the other options."""
+        """Return the envelope of a file, of the vehicle, or the default one, narrowed by the other options."""
         if self.masses:
             raise InputError(
-                "--mass: does not go with an envelope, whose loads have a mass and a wheel load; give --loaded, or "
+                "--mass: does not go with an envelope, because its loads need mass and wheel load; give --loaded, or "
                 "both in the vehicle's file"
             )
         _ = self.chosen_vehicle  # prints the assumptions about the vehicle
@@ -197,7 +197,7 @@ class CaseOptions:
     def points(self, reference: ReferenceSlip | None = None) -> list[OperatingPoint]:
         """Return the operating points, in the order rail, mass, speed.
 
-        Their slip is that of --slip, or else `reference`, or else the adhesion law's reference slip.
+        Their slip is --slip if given, or else `reference`, or else the reference slip of the adhesion law.
         """
         vehicle, speeds = self.chosen_vehicle, tuple(dict.fromkeys(self.speeds)) or (100.0,)
         points = []
@@ -219,7 +219,7 @@ class CaseOptions:
             other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
             warn(
                 f"--speed: {max(speeds):g} km/h is above {self.initial_speed:g} km/h, the v0 at which the brake is "
-                f"applied; a braking train does not reach it; give a lower --speed{other}"
+                f"applied; a braking train does not reach this speed; give a lower --speed{other}"
             )
         return points
 
@@ -236,7 +236,7 @@ class CaseOptions:
         """Return the scenario with the options applied; print the assumptions about its vehicle."""
         scenario = naming("--scenario", lambda: load_scenario(self.scenario))
         vehicle = self._run_vehicle(scenario.vehicle)
-        tell_remarks(vehicle)
+        print_remarks(vehicle)
         self._check_run(scenario)
         start = self.speeds[0] * KMH if self.speeds else scenario.initial_speed
         changes: dict[str, Any] = {"initial_speed": start}
@@ -262,17 +262,17 @@ class CaseOptions:
             changes["adhesion"] = self._run_law(name, vehicle, v0)
         elif _is_given("initial_speed"):
             raise InputError(
-                "--initial-speed: it selects adhesion parameters, which the scenario already gives; leave it out"
+                "--initial-speed: selects adhesion parameters, but the scenario gives them already; leave it out"
             )
         if not math.isclose(v0, start):
             warn(
-                f"--initial-speed: the adhesion is for brakes applied at {v0 / KMH:g} km/h, but this run begins at "
+                f"--initial-speed: the adhesion law is for brakes applied at {v0 / KMH:g} km/h, but this run begins at "
                 f"{start / KMH:g} km/h (--speed)"
             )
         return scenario.for_vehicle(vehicle).with_changes(**changes)
 
     def law_speed(self, start: float) -> float:
-        """Return v0 of the adhesion law of a run, m/s: --initial-speed if given, else the initial speed `start`."""
+        """Return v0 of the adhesion law of a run, m/s: --initial-speed, or the initial speed `start` if not given."""
         return self.initial_speed * KMH if _is_given("initial_speed") else start
 
     def _check_run(self, scenario: Scenario) -> None:
@@ -299,7 +299,7 @@ class CaseOptions:
             raise InputError(f"{option} {message}; give the law's v0 with --initial-speed") from None
 
     def _run_vehicle(self, own: Vehicle) -> Vehicle:
-        """Return the vehicle of the file, or else of the scenario, with the options applied."""
+        """Return the vehicle of the file, or of the scenario (`own`), with the options applied."""
         vehicle = self._own_vehicle(own)
         if vehicle.inertia_scale != own.inertia_scale and self.inertia_scale is None:
             progress(
@@ -316,7 +316,7 @@ def _with_mass(vehicle: Vehicle, mass: float | None) -> Vehicle:
     return vehicle if mass is None else vehicle.with_mass(mass)
 
 
-def tell_remarks(vehicle: Vehicle) -> None:
+def print_remarks(vehicle: Vehicle) -> None:
     """Print the assumptions about a vehicle on standard error."""
     for note in notes_and_warnings(vehicle):
         progress(f"note: {vehicle.name}: {note}")
@@ -333,7 +333,7 @@ def number_option(
     lt: float | None = None,
     **kind: Any,
 ) -> Option:
-    """Return an `option` for a `Number`; its placeholder in the help is the unit in capitals, or X."""
+    """Return an `option` for a `Number`; the placeholder in its help is the unit in capitals, or X."""
     metavar = {"1": "X", "km/h": "KMH"}.get(unit) or (unit.upper() if unit.isalpha() else "X")
     return option(name, metavar, text, default_text, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
 
@@ -341,10 +341,10 @@ def number_option(
 def case_options(*, speeds: bool = True, masses: bool = False, run: bool = False, over: bool = False) -> Option:
     """Add the options for vehicle and operating points; the command gets them as one `CaseOptions`.
 
-    - speeds: with --speed; False for a command about whole stops
-    - masses: --mass may be repeated; each mass is combined with every rail and speed
-    - run: for one braking run; options that are not given come from its scenario
-    - over: for an envelope; options that are not given come from it, and --mass is left out
+    - speeds: if true, with --speed; false for a command about whole stops.
+    - masses: if true, --mass may be repeated; each mass is combined with every rail and speed.
+    - run: if true, the options are for one braking run; its scenario has the values that are not given.
+    - over: if true, the options are for an envelope, which has the values that are not given; without --mass.
     """
 
     def collected(function: Callable[..., Any]) -> Any:
@@ -368,12 +368,14 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
     of_envelope = "the envelope's" if over else None
     laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with your own law"
     law = f"Adhesion law: {laws} (the file is run)."
-    rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", of_envelope or "both")
+    rail = (
+        ("Rail at the start of the run.", _SCENARIO) if run else ("Rail condition; repeatable.", of_envelope or "both")
+    )
     v0 = "Speed v0 at the start of braking, km/h, 30 to 140; the adhesion law depends on it."
     begin = ("Speed at which the brake is applied, km/h.", _SCENARIO)
     speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; an envelope has its own")
-    vehicle = "Vehicle: .toml, or a railtoolkit .yaml; published adhesion is scaled with its wheel load."
-    mass = f"Quarter-car mass M, kg; the wheel load stays{'; repeatable' * masses}."
+    vehicle = "Vehicle file: .toml, or .yaml of railtoolkit; published adhesion is scaled with the wheel load."
+    mass = f"Quarter-car mass M, kg; the wheel load does not change{'; repeatable' * masses}."
     scale = (
         "Factor on M, J and B, in runs also on the stiffness of a published dynamic law. 1: SI; 3.6: units as in the "
         "paper."
@@ -399,14 +401,14 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
         json_option,
     ]
     if run:
-        scenario = "The published run as published or in SI, a plain stop, or a file."
+        scenario = "Published run as in the paper or in SI, a plain stop, or a file."
         of_run = [
             preset("--scenario", f"{'|'.join(BUILT_IN)}|FILE.toml", scenario, BUILT_IN[0]),
             number_option("--step", "s", "Largest step of the integration, s.", _SCENARIO, ge=LEAST_STEP),
             number_option(
-                "--gradient", "1", "Gradient, ratio of rise to length; downhill negative.", _SCENARIO, ge=-STEEPEST
+                "--gradient", "1", "Gradient, ratio of rise to length; negative downhill.", _SCENARIO, ge=-STEEPEST
             ),
-            number_option("--torque-gain", "1", "Ratio of the acting to the commanded torque.", _SCENARIO, gt=0),
+            number_option("--torque-gain", "1", "Ratio of acting to commanded brake torque.", _SCENARIO, gt=0),
             number_option("--speed-scale", "1", "Factor on the measured train speed.", _SCENARIO, gt=0),
             number_option(
                 "--encoder-teeth",
@@ -425,11 +427,11 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
 
 
 def envelope_options(default_text: str) -> Option:
-    """Return the options that ask for a verdict over an envelope; `default_text` is for the help."""
-    nominal = switch("--nominal", "Judge an envelope without tolerances.")
+    """Return the options for a verdict over an envelope; `default_text` is for the help."""
+    nominal = switch("--nominal", "Judge the envelope without tolerances.")
     text = (
-        "Judge a whole envelope. default: the vehicle's own ([envelope] in its file), or else the default envelope; or "
-        "a TOML file. --rail, --adhesion, --speed, --slip and --loaded narrow it."
+        "Judge over an envelope: default ([envelope] in the vehicle's file, or the default envelope without it) or a "
+        "TOML file. --rail, --adhesion, --speed, --slip and --loaded narrow it."
     )
     envelope = option("--envelope", "default|FILE", text, default_text)
     return lambda function: envelope(nominal(function))
@@ -472,12 +474,12 @@ def is_file(text: str) -> bool:
 
 
 def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *, assumed: bool = False) -> AdhesionLaw:
-    """Load the adhesion law of a file, at v0 in km/h; warn if it was identified at another v0 or wheel load (N).
+    """Load an adhesion law for v0, km/h, from a file; warn if it was identified at another v0 or wheel load (N).
 
-    `assumed` is True if v0 is the default because no option gave it.
+    - assumed: true if v0 is the default, because no option gave it.
     """
     law = from_file("--adhesion", path, functools.partial(load_law, initial_speed_kmh=initial_speed))
-    if path.suffix.lower() == ".py":  # a Python file states neither wheel load nor v0
+    if path.suffix.lower() == ".py":  # a Python file does not state wheel load and v0
         return law
     if wheel_load is not None:
         _warn_of_wheel_load(law, path, wheel_load)
@@ -498,7 +500,7 @@ def _warn_of_initial_speed(path: Path, initial_speed: float, *, assumed: bool) -
     if is_over_initial_speed(path):
         if assumed:
             warn(
-                f"--adhesion: {path} depends on the initial speed v0, {initial_speed:g} km/h is assumed; give "
+                f"--adhesion: {path} depends on the initial speed v0; {initial_speed:g} km/h is assumed; give "
                 "--initial-speed to change it"
             )
         return
@@ -527,13 +529,13 @@ def _is_given(option: str) -> bool:
 
 
 def refuse_given(*options: str, because: str) -> None:
-    """Raise InputError if the current command line has one of the options, which would not be used."""
+    """Raise InputError if the current command line has an option that would not be used; `because` says when."""
     for name in filter(_is_given, options):
         raise InputError(f"--{name.replace('_', '-')}: is not used {because}; leave it out")
 
 
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
-    """Return the gains, or None if neither is given (Table 4's are used then); InputError if only one is given."""
+    """Return the gains; None, for those of Table 4, if neither is given; InputError if only one is given."""
     if (kp is None) != (ki is None):
         given, missing = ("--kp", "--ki") if ki is None else ("--ki", "--kp")
         raise InputError(f"{missing}: is missing beside {given}; give both gains, or neither for Table 4's")
@@ -549,16 +551,16 @@ _TITLES_BY_RULE = "; ".join(f"{name} ({kind.title})" for name, kind in BY_RULE.i
 def controller_option(default_text: str, **kind: Any) -> Option:
     """Return the option --controller, the same in every command; `default_text` is for the help."""
     text = (
-        f"Table 4's PI or ASMC; this project's designs, pi-lead and scheduled; {_TITLES_BY_RULE}; a file with a "
-        "controller's numbers; or a Python file with your own controller (the file is run)."
+        f"Controller: pi or asmc of Table 4; pi-lead or scheduled of this project; {_TITLES_BY_RULE}; a file with a "
+        "controller's parameters; or a Python file with your own controller (the file is run)."
     )
     return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, default_text, **kind)
 
 
 def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip | None, law_speed: float) -> Controller:
-    """Load the controller of a file, ready to run; errors begin with the option's name.
+    """Load a controller file for a braking run of a vehicle; errors begin with the option's name.
 
-    `reference` and `law_speed` (v0, m/s) are used if the file has none.
+    `reference` and `law_speed` (v0, m/s) replace values that the file does not have.
     """
     from railslip_ctrl.controllers.files import as_control, load_controller
 
@@ -568,7 +570,7 @@ def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip |
 
 
 def controller_name(text: str) -> str:
-    """Return the controller name in its standard form; InputError with the nearest name if it is unknown."""
+    """Return a controller name in its standard form; the InputError for an unknown name suggests a similar one."""
     name = text.strip().lower().replace("_", "-")
     if name not in NAMES:
         raise InputError(

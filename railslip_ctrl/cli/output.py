@@ -1,4 +1,4 @@
-"""Print JSON, text as wide as the terminal, and progress lines."""
+"""Printing of JSON, of text that fits the terminal, and of progress lines."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def print_text(text: Callable[[], str]) -> None:
 
 
 def progress(message: str) -> None:
-    """Print a progress line on standard error; ignore a closed pipe (`2>&1 | head`)."""
+    """Print a progress line on standard error; a closed pipe (`2>&1 | head`) is ignored."""
     try:
         click.echo(f"railslip: {message}", err=True)
     except OSError:

@@ -46,7 +46,7 @@ class _LazyGroup(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; end quietly on an interruption or a broken pipe.
+        """Run the command; an interruption or a broken pipe ends it without a message from Click.
 
         Click alone would print an empty line when interrupted, and exit with 1 on a broken pipe.
         """
@@ -89,7 +89,7 @@ def _check_repeated(ctx: click.Context, command: click.Command, arguments: Seque
     for option in dict.fromkeys(given):
         if not isinstance(option, click.Option) or option.multiple:
             continue
-        is_switch = option.is_flag and not option.secondary_opts  # repeating a switch changes nothing
+        is_switch = option.is_flag and not option.secondary_opts  # repeating a switch has no effect
         if given.count(option) > 1 and not is_switch:
             raise InputError(f"{option.opts[0]}: is given {given.count(option)} times; give it once")
 
@@ -127,24 +127,24 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
         _fail(str(error))
     except ArithmeticError as error:
         # numbers that are allowed one by one can overflow together, e.g. a wheel of 1e12 kg m^2 under 1 kg
-        _fail(f"the numbers given are together outside the range of the computation ({error}); check their sizes")
+        _fail(f"the combination of numbers is outside the range of the computation ({error}); check their sizes")
     except click.Abort:
         raise KeyboardInterrupt from None
     except BrokenPipeError:
         _end_without_reader()
     except OSError as error:
         sys.stdout = None
-        _fail(f"the output cannot be written ({error.strerror or error}); make room or choose another place")
+        _fail(f"the output cannot be written ({error.strerror or error}); free some space or choose another place")
     sys.exit(status if isinstance(status, int) else 0)
 
 
 def _end_without_reader() -> NoReturn:
-    """Exit with the status of a program ended by SIGPIPE; the reader of the output (head, less) has closed it."""
+    """Exit with the status of SIGPIPE, because the reader of the output (head, less) has closed the pipe."""
     sys.stdout = None  # otherwise Python would flush the rest at exit
     sys.exit(141)
 
 
-# Quantity at the beginning of a message of the package that is called like an option.
+# Quantities with the name of an option, at the beginning of a message of the package.
 _OPTION_NAMED = re.compile(
     r"^(?:(?:slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])"
     r"|(?:structure|controller|out|workers|scheduler|worst by|law|K|D|ki_min|inertia scale|port)(?=:))"

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -64,17 +64,17 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion", "no-lock"
     "whole",
     default=True,
     show_default=True,
-    help="Write report.html; this also decides the conditions of the sliding-mode law, and certifies where the brake "
-    "can be released without a lock.",
+    help="Write report.html; this also verifies the conditions of the sliding-mode law, and certifies where a brake "
+    "release prevents a lock.",
 )
 @switch(
     "--fresh",
-    "Decide the conditions of the sliding-mode law again; otherwise an earlier result for the same vehicle is reused.",
+    "Verify the conditions of the sliding-mode law again instead of reusing an earlier result for the same vehicle.",
 )
 @preset(
     "--prefer",
     "|".join(PREFERENCES),
-    "What decides between candidates that qualify: the shortest mean stop, or the least worst Ms.",
+    "Choose, of the candidates that qualify, the one with the shortest mean stop or with the smallest worst Ms.",
     PREFERENCES[0],
     type=click.Choice(PREFERENCES),
 )
@@ -91,14 +91,14 @@ def command(
     out: Path,
     whole: bool,
     fresh: bool,
-    prefer: str,
+    prefer: Literal["distance", "robustness"],
 ) -> None:
     """Recommend a slip controller for a vehicle over its envelope of speeds, rails, loads and tolerances.
 
-    The report states from which speed to use the controller, how it brakes, and why. Gains or a controller of your own
-    run in the same stops, and are judged if they have margins. The first page of report.html takes a minute to read;
-    recommended.toml is the design for simulate and margins. Exit status 0 for every result, or 2 for bad input or a
-    folder that cannot be written to.
+    The report states the lowest speed at which to use the controller, how it brakes, and the reasons. Your own gains or
+    controller run in the same stops, and are judged if they have margins. The first page of report.html takes a minute
+    to read; recommended.toml is the design for simulate and margins. Exit status 0 for every result, or 2 for bad input
+    or a folder that cannot be written to.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
@@ -112,22 +112,22 @@ def command(
         progress(f"{time.perf_counter() - started:5.1f} s  {message}")
 
     names = [f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg")]
-    check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the long work
+    check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the long computation
     judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
-    plant = judged.points(nominal=True).plants[0]  # fails now, not after the long work, if there is no plant
+    plant = judged.points(nominal=True).plants[0]  # an error comes before the long computation, if no plant exists
     given: dict[str, Any] = {}
     gains = chosen_gains(kp, ki)
     if controller is not None:
         given = {Path(controller).name: given_controller(controller, plant.point, gains, judged.reference)}
     elif gains is not None:
         given = {"given PI": PIController(gains)}
-    for one in given.values():
-        if not no_margins(one):
-            wheel_slip_loop(plant, one)  # an InputError if the controller is not linear at this point
+    for candidate in given.values():
+        if not no_margins(candidate):
+            wheel_slip_loop(plant, candidate)  # raises InputError if the controller is not linear here
     pictures = Pictures()
     with claimed(out):
         draw = partial(_draw, pictures=pictures, note=note)
-        found = design_report(
+        design = design_report(
             judged,
             nominal=nominal,
             given=given,
@@ -137,9 +137,9 @@ def command(
             progress=note,
             meanwhile=draw,
         )
-        _draw(found, pictures, note)
-        rest = f"The rest: {out / (_PAGE if whole else 'report.json')}"
-        files, content, text = _made(found, pictures, whole, command_line(ctx), rest, _again(cases, found, out))
+        _draw(design, pictures, note)
+        rest = f"All results: {out / (_PAGE if whole else 'report.json')}"
+        files, content, text = _made(design, pictures, whole, command_line(ctx), rest, _again(cases, design, out))
         drawn = {name: files.pop(name) for name in [*pictures.files(), _PAGE] if name in files}
         try:
             count = pictures.write(out, write_files(out, files), drawn)
@@ -148,13 +148,13 @@ def command(
     note(f"wrote {count} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
 
 
-def _draw(found: DesignReport, pictures: Pictures, note: Callable[[str], None]) -> None:
-    """Draw the pictures that are missing, as PNG and SVG, and add them by name."""
+def _draw(design: DesignReport, pictures: Pictures, note: Callable[[str], None]) -> None:
+    """Draw the missing pictures as PNG and SVG, and add them to `pictures`."""
 
     def drawings() -> Drawings:
         from railslip_ctrl.report.plots.designs import report_drawings
 
-        return report_drawings(found)
+        return report_drawings(design)
 
     if not pictures.drawn:
         note("pictures")
@@ -162,40 +162,40 @@ def _draw(found: DesignReport, pictures: Pictures, note: Callable[[str], None]) 
 
 
 def _made(
-    found: DesignReport, pictures: Pictures, whole: bool, command: str, rest: str, again: str
+    design: DesignReport, pictures: Pictures, whole: bool, command: str, rest: str, again: str
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
-    """Files by name, the content of report.json, and a function that writes the text at the current width."""
-    first = first_page(found)
+    """Return files by name, the content of report.json, and a function that renders the text at the current width."""
+    first = first_page(design)
     files = pictures.files()
-    if found.control is not None:
-        files[RECOMMENDED] = found.control.toml.encode()
+    if design.control is not None:
+        files[RECOMMENDED] = design.control.toml.encode()
     if whole:
         svg = {name: forms["svg"] for name, forms in pictures.drawn.items()}
-        files[_PAGE] = page(first, design_sections(found, again), svg, command, found.date, found.seconds).encode()
-    content = design_report_json(found, [*_TEXTS, *files])
+        files[_PAGE] = page(first, design_sections(design, again), svg, command, design.date, design.seconds).encode()
+    content = design_report_json(design, [*_TEXTS, *files])
     files["report.json"] = json_text(content).encode()
-    text = partial(design_report_text, found, first, f"{rest}\n{again}".rstrip())
+    text = partial(design_report_text, design, first, f"{rest}\n{again}".rstrip())
     files["report.txt"] = text().encode()
     return files, content, text
 
 
-def _again(cases: CaseOptions, found: DesignReport, out: Path) -> str:
-    """Command that repeats the first stop of the page digit for digit; empty if there is no stop."""
-    if not found.stops:
+def _again(cases: CaseOptions, design: DesignReport, out: Path) -> str:
+    """Return a sentence with the command that repeats the first stop of the page exactly; empty if there is no stop."""
+    if not design.stops:
         return ""
-    stop = found.longest_stops[0]
-    words = ["railslip simulate --scenario stop", f"--controller {shlex.quote(str(out / RECOMMENDED))}"]
-    words += [f"--vehicle {shlex.quote(str(cases.vehicle))}"] if cases.vehicle is not None else []
-    laws = {str(getattr(law, "name", law)): law for law in found.envelope.laws}
-    files = [law for law in found.envelope.laws if str(law).endswith((".toml", ".py"))]
-    law = laws.get(stop.law) or next(iter(files), found.envelope.laws[0])
-    words += [f"--adhesion {shlex.quote(str(getattr(law, 'name', law)))}"] if stop.law != "curve" else []
-    words += ["--loaded"] if stop.load == "loaded" else []
-    speed = found.envelope.initial_speed
-    words += [f"--speed {speed:g}"] if speed != 100.0 else []
-    v0 = found.envelope.law_speed
-    words += [f"--initial-speed {v0:g}"] if v0 != speed else []
+    stop = design.longest_stops[0]
+    parts = ["railslip simulate --scenario stop", f"--controller {shlex.quote(str(out / RECOMMENDED))}"]
+    parts += [f"--vehicle {shlex.quote(str(cases.vehicle))}"] if cases.vehicle is not None else []
+    laws = {str(getattr(law, "name", law)): law for law in design.envelope.laws}
+    files = [law for law in design.envelope.laws if str(law).endswith((".toml", ".py"))]
+    law = laws.get(stop.law) or next(iter(files), design.envelope.laws[0])
+    parts += [f"--adhesion {shlex.quote(str(getattr(law, 'name', law)))}"] if stop.law != "curve" else []
+    parts += ["--loaded"] if stop.load == "loaded" else []
+    speed = design.envelope.initial_speed
+    parts += [f"--speed {speed:g}"] if speed != 100.0 else []
+    v0 = design.envelope.law_speed
+    parts += [f"--initial-speed {v0:g}"] if v0 != speed else []
     for name, value in (("inertia-scale", cases.inertia_scale), ("dead-time", cases.dead_time), ("lag", cases.lag)):
-        words += [f"--{name} {value:g}"] if value is not None else []
-    words += [f"--rail {stop.rail}", f"--seed {stop.run.seed}"]
-    return f"The {stop.rail} stop again: {' '.join(words)}"
+        parts += [f"--{name} {value:g}"] if value is not None else []
+    parts += [f"--rail {stop.rail}", f"--seed {stop.run.seed}"]
+    return f"To repeat the {stop.rail} stop: {' '.join(parts)}"

@@ -29,17 +29,17 @@ _PAGE = "reproduce.html"
 
 
 @click.command(context_settings=HELP)
-@preset("--seeds", "N", "Number of noise seeds, runs of each column.", str(tables.DEFAULT_SEEDS))
+@preset("--seeds", "N", "Number of noise seeds: runs of each column of Table 5.", str(tables.DEFAULT_SEEDS))
 @switch(
     "--sensitivity",
     f"Replace each unit assumption by its alternatives, one at a time, with at most {SENSITIVITY_SEEDS} seeds. "
-    "The first call compiles for a minute or two.",
+    "The first call compiles for one or two minutes.",
     to="with_sensitivity",
 )
 @path_option(
     "--out",
     "DIR",
-    "Folder for reproduce.html (with the errata and Table 4's gains in both readings), reproduction.txt, "
+    "Folder for reproduce.html (with the errata, and Table 4's gains with both inertia scales), reproduction.txt, "
     "reproduction.json and the redrawn figures (PNG).",
     "nothing is written",
 )

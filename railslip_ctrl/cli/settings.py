@@ -1,4 +1,4 @@
-"""Helpers for the options of a command, without heavy imports, so that listing the commands stays fast."""
+"""Helpers for the options of a command; they import little, so that listing the commands is fast."""
 
 import re
 from collections.abc import Callable
@@ -21,7 +21,7 @@ _ARGUMENTS = {
     **{"bounds": "bound", "columns": "column", "delays": "delay", "fixed": "fix"},
     **{"time_constant": "tau", "units": "unit", "zeros": "zero"},
 }
-"""Option of each argument that messages of the package name in backticks; None if both have the same name."""
+"""Option for each argument that messages name in backticks; None if it has the name of the argument."""
 
 
 def options_named(text: str) -> str:
@@ -31,7 +31,7 @@ def options_named(text: str) -> str:
 
 
 def option(name: str, metavar: str, text: str, default_text: str, *, to: str | None = None, **kind: Any) -> Option:
-    """Return an optional Click option whose help ends in its default; `to` is the parameter's name if it differs."""
+    """Return an optional Click option whose help ends with its default; `to` is another name for the parameter."""
     names = (name,) if to is None else (name, to)
     return click.option(*names, metavar=metavar, help=f"{text}  [default: {default_text}]", **kind)
 

@@ -29,7 +29,7 @@ from . import options
 from .output import progress, show
 from .settings import HELP, option, path_option, preset, switch
 
-LOG_PERIOD = 0.01  #: s, default time between rows of the CSV and between points of the pictures
+LOG_PERIOD = 0.01  #: s, default interval between rows of the CSV and between points of the pictures
 
 LARGEST_SEED = 2**63 - 1
 _TABLE_4 = ("pi", "asmc")
@@ -43,21 +43,21 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "--gains",
     "|".join(COLUMNS),
     "Column of Table 4: gains and reference slip.",
-    "gains of beam for the beam law, else of bristle; slip of the law",
+    "gains of column beam for the beam law, of bristle for other laws; slip of the law",
 )
 @option(
-    "--slip", "X", "Reference slip on either rail.", "the adhesion law's; with --gains the column's", type=options.SLIP
+    "--slip", "X", "Reference slip on both rails.", "the adhesion law's; with --gains the column's", type=options.SLIP
 )
-@switch("--unknown-rail", "asmc: keep the adhesion model of dry rail on wet rail.")
-@switch("--adaptive", "asmc: adapt as printed in the paper.")
+@switch("--unknown-rail", "asmc: use the adhesion model of dry rail also on wet rail.")
+@switch("--adaptive", "asmc: use the adaptation law as printed in the paper.")
 @options.number_option(
     "--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01", ge=LEAST_STEP
 )
 @options.gain_options("Table 4's")
-@preset("--seed", "N|FILE", "Seed of the random force and of the sensor noise, or draws that campaign wrote.", "0")
+@preset("--seed", "N|FILE", "Seed of random force and sensor noise, or an .npz file that campaign wrote.", "0")
 @switch("--no-noise", "No random force and no sensor noise.")
 @path_option("--csv", "FILE", "Write the time series.")
-@switch("--internal", "Write the controller's internal state into the time series too.")
+@switch("--internal", "Also write the controller's internal state into the time series.")
 @click.option(
     "--out",
     "--plot",
@@ -69,7 +69,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 @preset(
     "--log-period",
     "S",
-    "Time between rows of the time series, s; at least the sampling period.",
+    "Interval between rows of the time series, s; at least the sampling period.",
     LOG_PERIOD,
     type=options.Number("s", ge=LEAST_STEP),
 )
@@ -87,7 +87,7 @@ def command(
     as_json: bool,
     **control: Any,
 ) -> None:
-    """Simulate a braking run: outcome, time, distance, energy and slip error; time series and pictures.
+    """Simulate a braking run: outcome, time, distance, energy, slip error, time series and pictures.
 
     Exit status 0, 1 if the train did not stop, or 2 for bad input.
 
@@ -116,9 +116,9 @@ def command(
             f"note: --log-period: {log_period:g} s is not a multiple of the sampling period {simulator.period:g} s; "
             f"rows are {rows:g} s apart"
         )
-    run = simulator.run(noise, record_every=every)  # always recorded: the report has the times of events in distance
+    run = simulator.run(noise, record_every=every)  # recorded: the report needs the times of events
     content = simulation_json(run, column, law_speed)
-    with ExitStack() as parts:  # runs the parts from the last to the first, also if one of them fails
+    with ExitStack() as parts:  # runs the callbacks from the last to the first, even if one fails
         parts.callback(show, as_json, lambda: content, lambda: simulation_text(run, law_speed))
         if out is not None:
             parts.callback(_write, out, run, content, simulation_text(run, law_speed), internal=internal)
@@ -141,9 +141,9 @@ def _chosen(
     kp: float | None,
     ki: float | None,
 ) -> tuple[Controller, str | None]:
-    """Controller of the options, and the column of Table 4 with its gains, or None.
+    """Return the controller of the options, and the column of Table 4 that has its gains, or None.
 
-    `law_speed`, m/s, is v0 of the controller's own adhesion model.
+    `law_speed` is v0 of the controller's own adhesion model, m/s.
     """
     vehicle, law = scenario.believed_vehicle, scenario.adhesion
     if options.is_file(controller):
@@ -153,7 +153,7 @@ def _chosen(
                 raise InputError(f"{flag}: is not allowed with a controller file; write it into {controller}")
         return options.controller_from_file(controller, vehicle, law.reference, law_speed), None
     name, own = options.controller_name(controller), options.chosen_gains(kp, ki)
-    column = None if gains is None else next((one for one in COLUMNS if one == gains.lower()), None)
+    column = None if gains is None else next((label for label in COLUMNS if label == gains.lower()), None)
     if column is None and gains is not None:
         raise InputError(f"--gains: {gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
     reference = tracked_reference(name, law, slip, column, dashes="--")

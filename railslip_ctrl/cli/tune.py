@@ -53,12 +53,12 @@ from .settings import HELP, path_option, preset, switch
 @number_option(
     "--period",
     "s",
-    "Sampling period of the controller, s; at most twice the time constant of the lead's filter; for predictive and "
+    "Sampling period of the controller, s; at most twice the time constant of the lead's filter, for predictive and "
     "seeking at most a twelfth of the dead time.",
     f"{PERIOD:g}, or the largest allowed if that is less",
     ge=LEAST_STEP,
 )
-@path_option("--out", "FILE.toml|FILE.c", "File for --controller, or the controller as a C99 program.")
+@path_option("--out", "FILE.toml|FILE.c", "Write the controller as a file for --controller, or as a C99 program.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -77,10 +77,10 @@ def command(
     period: float | None,
     out: Path | None,
 ) -> None:
-    """Find one set of gains for all operating points of an envelope, empty and loaded together.
+    """Find one set of gains for all operating points of an envelope, empty and loaded.
 
-    The result is judged with tolerances, and as a sampled loop. If operating points are given, the gains are for them
-    alone, in continuous time. Exit status 1 if the specification cannot be met, 2 for bad input.
+    The result is judged with tolerances, and as a sampled loop. If options give operating points, the gains are tuned
+    only for them, in continuous time. Exit status 1 if the specification cannot be met, 2 for bad input.
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
@@ -90,7 +90,7 @@ def command(
     kind = structure_named(structure)
     if not issubclass(kind, PI):
         if minimise_ms or {phase_min, delay_min, ki_min, lead, lead_filter} != {None}:
-            raise InputError(f"--structure {structure}: its gains follow from rules; give --ms-max alone")
+            raise InputError(f"--structure {structure}: its parameters follow from the vehicle; give only --ms-max")
         judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
         _by_rule(ctx, by_rule(kind, judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)
     _check_asked(specification, minimise_ms, ki_min)
@@ -110,7 +110,7 @@ def command(
         if design is not None and judgement is not None and out is not None:
             _write(design, out, judged.vehicle)
             if hand_over := hand_over_of(judgement):
-                progress(f"below {hand_over:g} km/h this controller holds a constant torque, without slip control")
+                progress(f"below {hand_over:g} km/h this controller holds a constant torque and does not control slip")
     if out is not None and tuned.design is not None:
         progress(f"wrote {out}")
     show(as_json, lambda: tuning_json(tuned, judgement), lambda: tuning_text(tuned, judgement))
@@ -133,7 +133,7 @@ def _write(control: Design | Controller, out: Path, vehicle: Vehicle) -> None:
 
 
 def _by_rule(ctx: click.Context, design: Design, out: Path | None, as_json: bool) -> NoReturn:
-    """Write and print a controller whose parameters follow from the vehicle, then exit."""
+    """Write and print a controller whose parameters are computed from the vehicle, then exit."""
     try:
         if out is not None and not design.reason:
             _write(design, out, design.judgement.envelope.vehicle)
@@ -155,19 +155,19 @@ def _check_asked(specification: Specification, minimise_ms: bool, ki_min: float 
 def _saved(
     kind: type[PI], controller: PIController, points: list[OperatingPoint], out: Path, period: float | None
 ) -> None:
-    """Write a controller tuned at operating points, and report the worst Ms of its sampled loops there."""
+    """Write a controller tuned at operating points, and print the worst Ms of its sampled loops."""
     control = braking_control(controller, points, _references(points), name=out.stem, period=period, kind=kind)
     _write(control, out, points[0].vehicle)
     runs = [loop_as_run(linearize(point), control, point.vehicle.actuator) for point in points]
     worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
-    result = "unstable" if math.isinf(worst) else f"Ms {ms_up(worst)} at worst"
-    progress(f"sampled every {control.period:g} s: {result}")
+    result = "unstable" if math.isinf(worst) else f"worst Ms {ms_up(worst)}"
+    progress(f"sampled loops, period {control.period:g} s: {result}")
 
 
 def _references(points: list[OperatingPoint]) -> ReferenceSlip:
     """Return the reference slips of the operating points.
 
-    A rail without an operating point has the adhesion law's reference slip, or else that of the other rail.
+    A rail without an operating point has the reference slip of the adhesion law, or else of the other rail.
     """
     by_rail = {point.rail: point.slip for point in points}
     other, law = points[0].slip, points[0].law.reference

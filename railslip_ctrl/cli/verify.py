@@ -23,15 +23,15 @@ LAWS: tuple[Law, ...] = get_args(Law)
 @preset(
     "--law",
     "|".join(LAWS),
-    "paper: the published law, then the robust variants; robust: the robust variants alone; predictive: the predictive "
-    "law, whose sliding includes the actuator.",
+    "paper: the published law, then the robust variants; robust: only the robust variants; predictive: the predictive "
+    "law, whose sliding condition includes the actuator.",
     "paper",
 )
 @number_option(
     "--K",
     "N*m",
     f"Gain on the sign of s, 0 to {LARGEST_GAIN:g} N*m; for the predictive law in N*m/s.",
-    "Table 4's 70; robust: 1.1 times the K of equation (40) over its box; predictive: its own rule",
+    "Table 4's 70; robust: 1.1 times the K that (40) needs over the box; predictive: computed from the vehicle",
     to="gain",
     ge=0,
 )
@@ -58,12 +58,12 @@ def command(
     """Decide which stability conditions of the sliding-mode law hold, with method and evidence.
 
     Exit status 1 if a condition fails or cannot be decided, 2 for bad input. Several conditions of the published law
-    fail, and those of the robust variants that include the actuator.
+    fail; those of the robust variants fail if they include the actuator.
 
     The predictive law is verified over a box of speed, slip and load, for any static adhesion law and vehicle, on the
-    rails given; the bristle model is replaced by its static curve. The reference slip comes from the adhesion file or
-    from --slip. The other laws take --vehicle, but no --adhesion: they contain the bristle model. --inertia-scale must
-    be 0.5 to 10.
+    given rails; the bristle model is replaced by its static curve. The reference slip comes from the adhesion file or
+    from --slip. The other laws take --vehicle but no --adhesion, because they contain the bristle model.
+    --inertia-scale must be 0.5 to 10.
 
     Example: railslip verify --law predictive
     """
@@ -87,13 +87,13 @@ def command(
 
 
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
-    """Return the adhesion of the options. An adhesion file is for one rail and states how to get the other."""
+    """Return the adhesion law of the options; the law of a file is for one rail and gives that for the other."""
     rails = cases.chosen_rails()
     if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
     try:
         law = cases.law(Rail.DRY)
-    except InputError:  # the parameters are for wet rail; a faulty file raises the error again
+    except InputError:  # the parameters are for wet rail; a faulty file raises the error again below
         law = cases.law(Rail.WET)
     return RailAdhesion(law, rails, cases.slip, cases.initial_speed)
 

@@ -1,14 +1,14 @@
 """Identify an adhesion law from a log of a brake rig or a train: `railslip identify`.
 
-This package imports `model` and `core`; `virtual_rig` also imports `simulation`. Begin with `identify`. A log passes
-through the other modules in this order. Later modules import earlier ones.
+This package imports `model` and `core`; `virtual_rig` also imports `simulation`. Begin with `identify`. The other
+modules are in the order in which a log passes through them.
 
 - `identify`: compares the models of a log and chooses one; handles several logs
-- `observer`: encoder and torque sensor; observers of the adhesion torque, the published one and a Kalman filter
-- `logs`: reads a log into blocks of `Rows` in SI, and notes lines that cannot be read
+- `observer`: models of encoder and torque sensor; the published observer of the adhesion torque, and a Kalman filter
+- `logs`: reads a log into blocks of `Rows` in SI, and reports lines that cannot be read
 - `cleaning`: removes stray time stamps and outliers, corrects offsets and delays of columns
 - `observed`: computes samples of adhesion over slip, and records the raw rows under brake
-- `log_checks`: checks the plausibility of a log; each fault is a `Finding`
+- `log_checks`: checks the plausibility of a log and reports each fault as a `Finding`
 - `curves`: reduces the samples to the adhesion curve, by cells of slip and speed
 - `models`, `fits`, `prediction`: the models, least squares over the cells, prediction-error fits
 - `results`: comparison, regimes, peak and reference slip, parameters over the initial speed

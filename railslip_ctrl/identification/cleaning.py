@@ -36,9 +36,9 @@ class RowFilter(ABC):
         self.count = 0
 
     def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
-        """Yield the rows that are kept; the last ones of a block wait for the next block or the end of the log."""
+        """Yield the rows that are kept; the last rows of a block wait for the next block or the end of the log."""
         waiting: Rows | None = None
-        start = 0  # number of rows at the front of `waiting` that are judged already
+        start = 0  # number of rows at the front of `waiting` that were judged before
         for block in itertools.chain(blocks, (None,)):
             if block is not None:
                 waiting = block if waiting is None else waiting.then(block)
@@ -48,42 +48,43 @@ class RowFilter(ABC):
             if block is not None:
                 ready = max(ready - self.ahead, 0) // self.piece * self.piece
             stop = start + ready
-            bad = self._bad(waiting, start, stop)
+            bad = self._dropped(waiting, start, stop)
             self.count += int(bad.sum())
             yield waiting.part(start, stop).where(~bad)
             keep = max(0, stop - self.behind)
             waiting, start = waiting.part(keep, None), stop - keep
 
     @abstractmethod
-    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
+    def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
         """Mask of the rows from start to stop that are dropped."""
 
 
 # --- time stamps ---------------------------------------------------------------------------------------------------
 
-BESIDE = 16  #: rows on either side; an outlying stamp must be the only one out of order among them
+BESIDE = 16  #: rows on either side of an outlying time stamp, among which no other stamp may be out of order
 
-FAR = 100.0
-"""Least distance of an outlying stamp from both neighbours, in median intervals of the rows beside it.
+FAR_STAMP = 100.0
+"""Least distance of an outlying stamp from both neighbours, in median intervals of the `BESIDE` rows on either side.
 
-A stamp that is nearer comes from a misplaced row or from a clock that was set back.
+A nearer stamp is attributed to a misplaced row or to a clock that was set back; it is refused.
 """
 
 _LEAST_BESIDE = 4  # neighbouring stamps needed to estimate the usual interval
 
 # A step forward counts as a jump if it is this many times the step back after it; swapped rows have a smaller ratio.
 _JUMP = 5.0
-_STAMPS_KEPT = 64  # judged rows that are kept to locate a jump
+_STAMPS_KEPT = 64  # judged rows that are kept, to find the line of a jump
 _MOST_NAMED = 5  # stamps that have a warning of their own
 
 
 class StampFilter(RowFilter):
     """Drops rows with an outlying time stamp; raises InputError if the time does not grow without them.
 
-    An outlier is a single stamp more than `FAR` usual intervals away from both neighbours (from one, at an end of the
-    log). Without it the time must grow over `BESIDE` rows on either side. Two outliers within `BESIDE` rows count as a
-    second clock and are refused; so are repeated stamps and smaller steps back. A stamp far ahead is a gap if the time
-    goes on from it or if it is in the last row, as is one far behind in the first row. `name` is the log's, for errors.
+    An outlier is a single stamp more than `FAR_STAMP` usual intervals away from both neighbours, or from its only
+    neighbour at an end of the log. Without it the time must grow over `BESIDE` rows on either side. Two outliers within
+    `BESIDE` rows count as a second clock and are refused. Repeated stamps and smaller steps back are also refused. A
+    stamp far ahead counts as a gap if the time continues from it or if it is in the last row; so does a stamp far
+    behind in the first row. Errors begin with the log's `name`.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -99,14 +100,14 @@ class StampFilter(RowFilter):
         more = self.count - len(self.named)
         return (*self.named, f"{self.count} rows with outlying time stamps in all") if more else tuple(self.named)
 
-    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
+    def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
         bad, time = np.zeros(len(rows), dtype=bool), rows.columns["time"]
-        # the step into the first row was judged before, but it shows if the first row is the outlier
+        # include the step into the first row, which was checked before: the first row itself may be the outlier
         first, end = max(start - 1, 0), min(stop, len(time) - 1)
         for i in first + np.flatnonzero(time[first + 1 : end + 1] <= time[first:end]):
             outlier = _outlier(time, int(i))
             if outlier is None:
-                raise InputError(f"{self.name}: {_complaint(rows.line, time, int(i) + 1)}; give times that grow")
+                raise InputError(f"{self.name}: {_time_fault(rows.line, time, int(i) + 1)}; give increasing times")
             bad[outlier] = True
         for at in start + np.flatnonzero(bad[start:stop]):
             if len(self.named) < _MOST_NAMED:
@@ -116,8 +117,8 @@ class StampFilter(RowFilter):
 
 
 def _outlier(time: Floats, i: int) -> int | None:
-    """Index of the outlier, i or i+1, where stamp i+1 is not later than stamp i; None if neither is one."""
-    # if either may be the outlier, take the one with two neighbours
+    """Index of the outlier, i or i+1, if stamp i+1 is not later than stamp i; None if neither is an outlier."""
+    # if both qualify, the stamp with two neighbours is taken
     for at in (i, i + 1) if i > 0 else (i + 1, i):
         low = max(at - BESIDE, 0)
         others = np.delete(time[low : at + BESIDE + 1], at - low)
@@ -125,19 +126,19 @@ def _outlier(time: Floats, i: int) -> int | None:
         if len(others) < _LEAST_BESIDE or not (steps > 0.0).all():
             continue
         beside = others[max(at - low - 1, 0) : at - low + 1]
-        if np.abs(time[at] - beside).min() > FAR * np.median(steps):
+        if np.abs(time[at] - beside).min() > FAR_STAMP * np.median(steps):
             return at
     return None
 
 
-def _complaint(lines: Lines, time: Floats, at: int) -> str:
-    """Describe the fault at a stamp that is not later than the one before it."""
+def _time_fault(lines: Lines, time: Floats, at: int) -> str:
+    """Describe the fault at a stamp that is not later than the stamp before it."""
     earlier = np.flatnonzero(time[:at] < time[at])
-    # index of the first of the stamps just before `at` that are not earlier than the stamp at `at`
-    sound = int(earlier[-1]) + 1 if len(earlier) else 0
-    if 0 < sound < at and time[sound] - time[sound - 1] > _JUMP * (time[at] - time[sound - 1]):
+    # the stamps from `jump` to `at` - 1 are not earlier than the stamp at `at`
+    jump = int(earlier[-1]) + 1 if len(earlier) else 0
+    if 0 < jump < at and time[jump] - time[jump - 1] > _JUMP * (time[at] - time[jump - 1]):
         return (
-            f"line {lines[sound]}: time jumps from {time[sound - 1]:.9g} s to {time[sound]:.9g} s, "
+            f"line {lines[jump]}: time jumps from {time[jump - 1]:.9g} s to {time[jump]:.9g} s, "
             f"but line {lines[at]} has {time[at]:.9g} s"
         )
     kind = "repeats" if time[at] == time[at - 1] else "goes back from"
@@ -146,18 +147,18 @@ def _complaint(lines: Lines, time: Floats, at: int) -> str:
 
 # --- resolution of the columns -------------------------------------------------------------------------------------
 
-# The resolution comes from second differences. They are multiples of the step for quantised values, and 0 on a straight
-# ramp, so that a ramp does not look quantised.
-_ROUNDING = 1e-7  # relative; smaller differences are rounding errors
+# The resolution comes from second differences. For quantised values they are multiples of the step. On a straight ramp
+# they are 0, so that a ramp does not look quantised.
+_ROUNDING = 1e-7  # relative to the largest value; smaller differences are rounding errors
 _LEAST_CHANGES = 20  # nonzero differences needed for an estimate
 _LEAST_SHARE = 0.01  # of the rows; fewer nonzero differences may be the corners of ramps
 
-# The step is the largest of these quantiles of which nearly all differences are a multiple. The smallest differences
-# may come from a glitch.
+# The step is the largest of these quantiles of the differences of which nearly all differences are multiples. The
+# smallest difference alone is not used, because it may come from a glitch.
 _QUANTILES = (0.0, 0.01, 0.03, 0.1, 0.3, 0.5)
-_TOLERANCE = 0.1  # of a step; a fifth of unquantised differences would lie within it
+_TOLERANCE = 0.1  # in steps, each way; a fifth of unquantised differences would lie within it
 _WHOLE_SHARE = 0.95  # share of the differences that must be multiples
-_FEW = 20.0  # steps; larger differences are not used, as an encoder's uneven intervals blur them
+_MOST_STEPS = 20.0  # in steps; larger differences are not used, because an encoder's uneven intervals blur them
 
 
 def step_of(values: Floats) -> float:
@@ -166,13 +167,13 @@ def step_of(values: Floats) -> float:
     changes = changes[changes > _ROUNDING * np.abs(values).max(initial=0.0)]
     if len(changes) < max(_LEAST_CHANGES, _LEAST_SHARE * len(values)):
         return 0.0
-    return max((float(step) for step in np.quantile(changes, _QUANTILES) if _comes_in(changes, step)), default=0.0)
+    return max((float(step) for step in np.quantile(changes, _QUANTILES) if _are_multiples(changes, step)), default=0.0)
 
 
-def _comes_in(changes: Floats, step: float) -> bool:
-    counts = changes[changes < _FEW * step] / step
+def _are_multiples(changes: Floats, step: float) -> bool:
+    counts = changes[changes < _MOST_STEPS * step] / step
     whole = np.abs(counts - np.round(counts)) < _TOLERANCE
-    # a difference below half a step is no multiple of it
+    # a difference below half a step is not a multiple of the step
     return bool(len(counts) >= _LEAST_CHANGES and np.mean(whole & (counts > 0.5)) >= _WHOLE_SHARE)
 
 
@@ -200,13 +201,13 @@ HALF_WINDOW = 4  #: rows on either side; a row is compared with the median of th
 NOISE_ROWS = 64  #: rows before and after a row from which the noise near it is estimated
 
 # An outlier exceeds all three limits, in standard deviations of the noise.
-# - Local, of the window of nine rows: it protects slopes and corners. As nine values estimate a spread poorly, one row
-#   in 200 of normal noise exceeds it.
-# - Overall, of the log's first rows: a braked wheel is noisier than the free rolling there.
-# - Beside, of the noisier side of the row, as braking may begin at the row. The median S of 64 absolute normal deviates
-#   has P(S < x) = P(Bin(64, 2 Phi(x) - 1) > 32). A deviate exceeds 8 * 1.4826 times the larger S of two sides with
-#   probability 1e-11, and that of one side with 1e-8 (at the end of a noisier stretch). So no false outlier is expected
-#   in 10 million rows of three columns.
+# - Local: the spread in the window of nine rows. It protects slopes and corners. As nine values estimate a spread
+#   poorly, one row in 200 of normal noise exceeds this limit.
+# - Overall: the noise of the log's first rows, usually free rolling. Under brake the noise is higher.
+# - Beside: the noise on the noisier side of the row, because braking may begin at the row. The median S of 64 absolute
+#   normal deviates has P(S < x) = P(Bin(64, 2 Phi(x) - 1) > 32). A deviate exceeds 8 * 1.4826 times the larger S of two
+#   sides with probability 1e-11, and that of one side with 1e-8 (at the end of a noisier stretch). In 10 million rows
+#   of three columns no false outlier is expected.
 _LOCAL_LIMIT = 6.0
 _OVERALL_LIMIT = 8.0
 _BESIDE_LIMIT = 8.0
@@ -217,17 +218,17 @@ _REACH = NOISE_ROWS + HALF_WINDOW  # rows needed on either side to judge a row
 # Smallest deviation of an outlier: the resolution of usual sensors, m/s and N*m (rad/s for a wheel of 0.5 m).
 _FLOOR = {"train_speed": 0.1, "wheel_speed": 0.1, "wheel_angular_speed": 0.2, "brake_torque": 50.0}
 
-# Smallest deviation in steps of the column: rounding explains half a step each of value and median, and one encoder
-# count more or less explains two.
+# Smallest deviation in steps of the column. Rounding of the value and of the median explains half a step each; one
+# encoder count more or less explains two steps.
 _LEAST_STEPS = 3.5
 
-PIECE = 4096  #: rows judged together; the first piece gives the noise of the log
+PIECE = 4096  #: rows judged together; the overall noise of the log is estimated from the first piece
 
 
 class OutlierFilter(RowFilter):
     """Hampel filter: drops rows whose speed or torque is far from the median of its neighbours, beyond the noise.
 
-    `first_line` is the line of the first row dropped, `resolution` has the steps of the columns.
+    `first_line` is the line number of the first row dropped, `resolution` the quantisation steps of the columns.
     """
 
     ahead = behind = _REACH
@@ -239,7 +240,7 @@ class OutlierFilter(RowFilter):
         self.resolution = Resolution()
         self._scale: dict[str, float] = {}
 
-    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
+    def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
         bad = np.zeros(stop, dtype=bool)
         for first in range(start, stop, self.piece):
             last, low = min(first + self.piece, stop), max(first - _REACH, 0)
@@ -253,10 +254,10 @@ class OutlierFilter(RowFilter):
         for name in _FLOOR.keys() & rows.columns.keys():
             values = rows.columns[name]
             self.resolution.add(name, values)
-            bad |= self._stands_out(name, values)
+            bad |= self._are_outliers(name, values)
         return bad
 
-    def _stands_out(self, name: str, values: Floats) -> Flags:
+    def _are_outliers(self, name: str, values: Floats) -> Flags:
         from scipy.ndimage import median_filter
 
         deviation: Floats = np.abs(values - median_filter(values, size=2 * HALF_WINDOW + 1, mode="reflect"))
@@ -286,9 +287,9 @@ def _spread_beside(deviation: Floats, at: NDArray[np.intp]) -> Floats:
 
 # --- alignment -----------------------------------------------------------------------------------------------------
 
-LONGEST_DELAY = 2.0  #: longest delay of a column, s; a longer one would belong to another event
+LONGEST_DELAY = 2.0  #: longest accepted delay of a column, s; a longer shift would align different events
 
-_WHEEL = ("wheel_angular_speed", "wheel_speed")  # by priority: the first that a log has is used
+_WHEEL = ("wheel_angular_speed", "wheel_speed")  # in order of priority: the first one in the log is used
 
 
 def corrections_note(delays: Mapping[str, float], zeros: Mapping[str, float]) -> tuple[str, ...]:
@@ -306,7 +307,7 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
             if name not in known:
                 hint = close_match(name, known)
                 raise InputError(
-                    f"{option}: {shown(name)} is no quantity of a log; {hint}choose one of {', '.join(known)}"
+                    f"{option}: {shown(name)} is not a quantity of a log; {hint}choose one of {', '.join(known)}"
                 )
             if not math.isfinite(value):
                 raise InputError(f"{option} {name}: {value:g} is not allowed; give a finite value")
@@ -318,16 +319,16 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
 class Alignment:
     """Subtracts sensor offsets and removes the delay differences between the columns of a log.
 
-    Example delays: an encoder's speed is a mean over the interval, so half an interval late; a filtered torque is late
-    by its filter. Only differences of delays matter. The wheel's samples stay unchanged, because a prediction-error fit
-    needs their noise; the other columns are smooth and are interpolated. `delays`, s, and `zeros`, SI, are by quantity;
-    `name` is the log's. InputError for a quantity that the log does not have.
+    Example: an encoder's speed is a mean over the interval, so it is half an interval late; a filter delays the torque.
+    Only differences of delays matter. The wheel's samples stay unchanged, because a prediction-error fit needs their
+    noise; the other columns are smooth and are interpolated. `delays`, s, and `zeros` (offsets), SI, are by quantity;
+    `name` is the log's name. InputError for a quantity that the log does not have.
     """
 
     def __init__(self, delays: Mapping[str, float], zeros: Mapping[str, float], name: str) -> None:
         self._delays, self._zeros, self._name = dict(delays), dict(zeros), name
-        self._buffer: Rows | None = None  # rows needed to interpolate later ones, then rows that wait for later ones
-        self._given_out = 0  # number of buffered rows that were yielded
+        self._buffer: Rows | None = None  # yielded rows that are still needed, then rows that wait for later rows
+        self._yielded = 0  # number of buffered rows that were yielded
 
     def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
         """Yield the corrected rows; no row is dropped."""
@@ -354,10 +355,10 @@ class Alignment:
         return {n: self._delays.get(n, 0.0) - late for n in rows.columns if n not in ("time", *_WHEEL)}
 
     def _corrected(self, buffer: Rows, stop: int) -> Rows:
-        """Interpolate the buffered rows up to `stop`, and forget rows that no later one needs."""
-        stop = max(stop, self._given_out)
+        """Interpolate the buffered rows up to `stop`, and drop rows that are no longer needed."""
+        stop = max(stop, self._yielded)
         time, shifts = buffer.columns["time"], self._shifts(buffer)
-        out = buffer.part(self._given_out, stop)
+        out = buffer.part(self._yielded, stop)
         moved = {
             name: np.interp(out.columns["time"] + shift, time, buffer.columns[name])
             for name, shift in shifts.items()
@@ -365,5 +366,5 @@ class Alignment:
         }
         behind = max(0.0, *(-shift for shift in shifts.values()))
         keep = max(int(np.searchsorted(time, time[min(stop, len(time) - 1)] - behind)) - 1, 0) if len(time) else 0
-        self._buffer, self._given_out = buffer.part(keep, None), stop - keep
+        self._buffer, self._yielded = buffer.part(keep, None), stop - keep
         return Rows(out.line, {**out.columns, **moved})

@@ -1,13 +1,13 @@
 """Adhesion curve of a log, with all findings about the log, before anything is fitted.
 
-Samples are reduced to sums by cell of slip and speed, to bins of the curve, and to sums over stretches of time. So
-memory is bounded, and least squares over all samples needs no more. Each cell has the number of samples, the mean and
-scatter of mu, and moments of the slip. From these the model's mean over a cell follows by a two-point Gauss rule, exact
-for a cubic; a cell is at most 1/800 of the slip range wide.
+Samples are reduced to sums by cell of slip and speed, to bins of the curve, and to sums over stretches of time. Memory
+is therefore bounded, and these sums are enough for least squares over all samples. Each cell has the number of samples,
+the mean and scatter of mu, and moments of the slip. From these a two-point Gauss rule gives the model's mean over the
+cell; it is exact for a cubic. The widest cells have a width of 0.005 in slip ratio.
 
-The noise of neighbouring samples is correlated, by the observer's filter, by the rig and by the run. Its long-run
-variance, that of means over long times, is therefore computed from stretches of time. When there are too many
-stretches, or entries by cell, neighbouring stretches are added in pairs.
+The noise of neighbouring samples is correlated by the observer's filter, by the rig and by the run. Its long-run
+variance (that of means over long times) is therefore computed from sums over stretches of time. If the number of
+stretches, or of sums by stretch and cell, exceeds its limit, neighbouring stretches are added in pairs.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, BrakedR
 
 @dataclass(frozen=True)
 class Options:
-    """Options of an identification, as of `railslip identify --help`; None means that the log gives the value.
+    """Options of an identification, as in `railslip identify --help`; None: the value comes from the log.
 
     - model: a model's name, or "best": the formula with the lowest BIC that fits.
     - rail: rail condition of the log.
     - initial_speed, slip_acceleration, time_constant: v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
-    - columns, units: header and unit of a quantity's column, by quantity.
-    - delays, zeros: column delay, s, and sensor offset, SI, by quantity.
-    - fixed, bounds: value (SI), or lower and upper bound, of a parameter, by name.
+    - columns, units: header and unit of the column of a quantity, by quantity.
+    - delays, zeros: delay of a column, s, and sensor offset, SI, by quantity.
+    - fixed, bounds: fixed value of a parameter, or its lower and upper bound, SI, by parameter name.
     - skip_lines: number of lines to skip before the header.
     - block_bytes: bytes of a log read at a time.
     """
@@ -65,14 +65,14 @@ class Options:
 # --- sums over the samples -----------------------------------------------------------------------------------------
 
 
-SLIP_CELLS = 400  #: cells over the slip ratio, equally wide in its square root: narrow where the curve rises
+SLIP_CELLS = 400  #: cells over slip ratios 0 to 1; equally wide in its square root, hence narrow at low slip
 
 SPEED_CELL = 10.0 * KMH  #: width of a cell in train speed, m/s
 _SPEED_CELLS = 80  # up to 800 km/h
 
 STRETCH = 5.0  #: length of the shortest stretches, in time constants of the observer
 
-_MOST_STRETCHES = 8192  # their number is halved beyond this
+_MOST_STRETCHES = 8192  # if there are more, neighbouring stretches are added in pairs
 _MOST_ENTRIES = 1 << 18  # (stretch, cell) pairs, 6 MB; leaves some hundred stretches if a log fills many cells
 
 BINS = 50
@@ -81,7 +81,7 @@ BINS = 50
 
 @dataclass(frozen=True)
 class Bins:
-    """Statistics of mu by bin of slip ratio, as in [Park2008] Fig. 13; empty bins left out, arrays of one length."""
+    """Statistics of mu by bin of slip ratio, as in [Park2008] Fig. 13, without empty bins; arrays of one length."""
 
     low: Floats
     high: Floats
@@ -114,7 +114,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Stretches:
-    """Sample count and sum of mu for each pair of a time stretch, `length` in s, and a cell (index into `Cells`)."""
+    """Sample count and sum of mu for each pair of a stretch of time (`length` in s) and a cell (index into `Cells`)."""
 
     length: float
     stretch: Integers
@@ -130,13 +130,14 @@ _SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", 
 class Accumulator:
     """Sums over samples that arrive in blocks; the result does not depend on the block size.
 
-    `slip_counts` counts samples by slip in steps of 1e-6, so that they can be split at any slip.
+    `time_constant` is that of the observer, s. `slip_counts` counts samples by slip ratio in steps of 1e-6, so that
+    they can be split at any slip.
     """
 
     def __init__(self, time_constant: float) -> None:
         self._length = STRETCH * time_constant
         self._sums = np.zeros((len(_SUMS), SLIP_CELLS * _SPEED_CELLS))
-        self._centre = 0.0  # subtracted from mu before summing, so that squares do not cancel
+        self._centre = 0.0  # subtracted from mu before summing, to avoid cancellation in the variance
         self._bins = np.zeros((4, BINS))
         self.slip_counts = np.zeros(_FINE, dtype=np.int64)
         self._least, self._most = np.full(BINS, np.inf), np.full(BINS, -np.inf)
@@ -221,12 +222,12 @@ class Accumulator:
 
     def stretches(self) -> Stretches:
         """Stretches of the samples so far."""
-        place = np.cumsum(self._sums[0] > 0) - 1
+        index = np.cumsum(self._sums[0] > 0) - 1  # of a cell without the empty ones
         count, total = self._entries
         return Stretches(
             length=self._length,
             stretch=self._keys // _CELLS,
-            cell=place[self._keys % _CELLS],
+            cell=index[self._keys % _CELLS],
             count=count,
             total=total + self._centre * count,
         )
@@ -234,14 +235,14 @@ class Accumulator:
 
 _CELLS = SLIP_CELLS * _SPEED_CELLS
 
-# Variance of slip below which it is only rounding of the moments of slips up to 1.
+# Variance of the slip below which it counts as 0: rounding of the moments, for slip ratios up to 1.
 _NO_SPREAD = 1e-13
 
 
 def _summed(keys: Integers, values: Floats) -> tuple[Integers, Floats]:
-    """Return the distinct keys in order, and the sum of the values for each."""
-    distinct, place = np.unique(keys, return_inverse=True)
-    return distinct, np.stack([np.bincount(place, row, minlength=len(distinct)) for row in values])
+    """Return the distinct keys in order, and the sum of the values for each key."""
+    distinct, index = np.unique(keys, return_inverse=True)
+    return distinct, np.stack([np.bincount(index, row, minlength=len(distinct)) for row in values])
 
 
 def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
@@ -253,7 +254,7 @@ def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
     spread = variance > _NO_SPREAD
     third = m3 - 3.0 * m1 * m2 + 2.0 * m1**3
     skew = np.divide(third, 2.0 * variance, out=np.zeros_like(m1), where=spread)
-    # rounding and noise of the moments must not move a node below slip 0
+    # keeps a node from slips below 0, to which rounding and noise of the moments could move it
     skew = np.clip(skew, -np.sqrt(variance), np.sqrt(variance))
     root = np.sqrt(skew**2 + variance)
     low, high = skew - root, skew + root
@@ -263,7 +264,7 @@ def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
 
 
 _PEAK_WINDOW = 0.15  # relative half width of the slip window over which mu is averaged to find its peak
-_LEAST_SHARE = 0.002  # least share of all samples that the window must hold
+_LEAST_SHARE = 0.002  # a window with a smaller share of all samples is not used
 
 
 def peak_slip(cells: Cells) -> float:
@@ -281,22 +282,23 @@ def peak_slip(cells: Cells) -> float:
 # --- the curve -----------------------------------------------------------------------------------------------------
 
 
-_LEAST_SAMPLES = 20  # under brake; a log with fewer is refused
+_LEAST_SAMPLES = 20  # a log with fewer samples under brake is refused
 
 
 @dataclass(frozen=True)
 class AdhesionCurve:
     """Adhesion data of a log, before anything is fitted.
 
-    - name: the file.
+    - name: file name.
     - time_constant: tau of the observer, s.
     - record, record_stride: rows for prediction-error fits, from every `record_stride`-th run.
-    - peak_slip: slip ratio of the highest measured mu, where fits start; on a flat curve noise shifts it.
+    - peak_slip: slip ratio of the highest measured mu, the starting value of fits; on a flat curve noise shifts it.
     - wheel_column: the quantity from which the wheel's speed was read.
     - deceleration_ratio: measured deceleration over that expected from the wheel's adhesion and the resistance; NaN if
       not known.
-    - rolling: measurements of the wheel rolling without brake.
-    - factors: SI value of one unit of a column, by quantity.
+    - rolling: measurements of the wheel rolling without brake; None if it never does.
+    - steps: quantisation steps of the columns.
+    - factors: SI value of the unit of a column, by quantity.
     - findings, notes: faults of the log; assumptions made.
     """
 
@@ -325,8 +327,8 @@ class AdhesionCurve:
         """Texts of the findings, with the log's name."""
         return tuple(f"{self.name}: {finding.text}" for finding in self.findings)
 
-    def parted_at(self, slip: float) -> tuple[int, int]:
-        """Number of samples below a slip ratio, and at or above it."""
+    def split_counts(self, slip: float) -> tuple[int, int]:
+        """Number of samples below a slip ratio, and number at or above it."""
         below = int(self.slip_counts[: round(slip * _FINE)].sum())
         return below, int(self.slip_counts.sum()) - below
 
@@ -353,8 +355,8 @@ def read_curve(
 ) -> AdhesionCurve:
     """Read the adhesion curve of a log; memory does not grow with its length.
 
-    `progress` is called with the share read, 0 to 1, and `observed` with each block of samples.
-    InputError with one line for a log that cannot be used.
+    `progress` is called with the share of the file read, 0 to 1, and `observed` with each block of samples. A log that
+    cannot be used raises InputError with a message of one line.
     """
     o = options
     log = Log(path, columns=o.columns, units=o.units, skip_lines=o.skip_lines, block_bytes=o.block_bytes)
@@ -369,21 +371,21 @@ def read_curve(
 
     stamps = StampFilter(log.name)
     try:
-        gathered = _Gathered(log.name, vehicle, options, stamps.rows(blocks()), log.columns, observed)
-    except InputError as error:  # assumptions about the columns or unread lines may be the cause
+        data = _LogData(log.name, vehicle, options, stamps.rows(blocks()), log.columns, observed)
+    except InputError as error:  # the cause may be assumptions about the columns, or lines that could not be read
         raise log.refused(error) from None
     finally:
         log.close()
-    return gathered.curve(log.broken, stamps, log.notes)
+    return data.curve(log.broken, stamps, log.notes)
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> AdhesionCurve:
-    """Adhesion curve of rows in memory, whose time must grow. InputError as `read_curve`."""
-    return _Gathered(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
+    """Adhesion curve of rows in memory, whose time must increase. InputError as `read_curve`."""
+    return _LogData(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
 
 
-class _Gathered:
-    """Accumulated data of a log from all its rows; InputError if none can be used."""
+class _LogData:
+    """Data accumulated from all rows of a log; InputError if the log cannot be used."""
 
     def __init__(
         self,
@@ -412,16 +414,16 @@ class _Gathered:
             self._sums.add(samples)
         resolution, radius = self._outliers.resolution, vehicle.wheel.radius
         omega_step = max(resolution["wheel_angular_speed"], resolution["wheel_speed"] / radius)
-        self._rolling = self._free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
+        self._rolling = self._free.result(speed_step=resolution["train_speed"], omega_step=omega_step)
         self._record = self._stream.recorder.record()
         self._check()
 
     def _check(self) -> None:
         survey = self._stream.survey
-        read = self._factors.get("time", 1.0)
-        clock = log_checks.time_fault(self._record, self._vehicle, survey.highest_pull, read)
-        if clock is not None:
-            raise InputError(f"{self._name}: {clock}")
+        unit = self._factors.get("time", 1.0)
+        fault = log_checks.time_fault(self._record, self._vehicle, survey.highest_pull, unit)
+        if fault is not None:
+            raise InputError(f"{self._name}: {fault}")
         try:
             self._stream.check(self._name)
             if survey.used < _LEAST_SAMPLES:
@@ -435,7 +437,7 @@ class _Gathered:
             raise InputError(f"{self._name}: {fault}")
 
     def _torque_hints(self) -> tuple[str, ...]:
-        """Hints if all torques are too low for braking, or suggest another unit."""
+        """Hints if all torques are too low for braking, or if another unit would make them plausible."""
         pull = self._stream.survey.highest_pull
         hint = log_checks.unit_hint(pull, self._factors)
         if pull > log_checks.HIGHEST_MU:
@@ -458,10 +460,10 @@ class _Gathered:
         )
         free = [*log_checks.rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
         ratio = log_checks.deceleration_ratio(record, self._vehicle)
-        differs = log_checks.deceleration_differs(ratio) and not free  # otherwise `free` states the cause
+        differs = log_checks.deceleration_differs(ratio) and not free  # a finding in `free` would be the cause
         other = (log_checks.Finding("deceleration", message("other deceleration", ratio=ratio)),) if differs else ()
         findings = (
-            *self._left_out(broken, stamps),
+            *self._dropped_rows(broken, stamps),
             *log_checks.survey_findings(survey),
             *free,
             *(
@@ -496,7 +498,7 @@ class _Gathered:
             notes=notes,
         )
 
-    def _left_out(self, broken: Broken, stamps: StampFilter) -> Iterator[log_checks.Finding]:
+    def _dropped_rows(self, broken: Broken, stamps: StampFilter) -> Iterator[log_checks.Finding]:
         """Findings for unreadable lines, stray time stamps and outliers."""
         yield from (log_checks.Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):

@@ -2,10 +2,10 @@
 
 Fits to the cells and prediction-error fits (`prediction`) share two functions:
 
-- `search` minimises the residuals with a regularised, reproducible solution.
+- `search` minimises the sum of squared residuals, with a regularisation that makes the result reproducible.
 - `estimate` computes covariance and intervals. The covariance comes from the Jacobian and the long-run variance of the
-  residuals, or from the differences between tests. An interval comes from the profile likelihood if the symmetric one
-  does not hold.
+  residuals, or from the differences between tests. An interval comes from the profile likelihood if the symmetric
+  interval is not valid.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from .models import SLIDING_ALONE, Coordinates, FitModel, Setting
 
 # Along a direction in which the residuals do not change, rounding would decide where a search ends, so the result would
 # depend on the processor. Tikhonov regularisation avoids this: each coordinate's scaled distance from a centre is added
-# to the residuals. Its weight is small beside the noise, so that it does not move what the data determine.
+# to the residuals. Its weight is small compared with the noise, so that well-determined parameters hardly move.
 
 
 Residuals = Callable[[Floats], Floats]
 
-PULL = 0.1
-"""Regularisation weight in standard deviations of the noise: as a prior of ten times a coordinate's size.
+REGULARISATION = 0.1
+"""Regularisation weight in standard deviations of the noise, like a normal prior of ten times a coordinate's size.
 
-An estimate with a standard error of one size, three sizes from the centre, is moved by 3 % of that error.
+An estimate that is three sizes from the centre and has a standard error of one size is moved by 3 % of that error.
 """
 
 _STEP = 1e-4  # difference step, in sizes of a coordinate: rounding and truncation errors are then both about 1e-8
@@ -56,27 +56,27 @@ def search(
     tolerance: float,
     most: int,
 ) -> tuple[float, Floats]:
-    """Minimise the sum of squared residuals within the bounds, from the coordinates `begin`; (sum, coordinates).
+    """Minimise the sum of squared residuals within the bounds, from the coordinates `begin`; return (sum, coordinates).
 
-    `residuals` takes parameter values; `weight` is `PULL` in the residuals' unit; the `centre` is `begin` by default.
-    Ends when the relative change of the sum is below `tolerance`, or after `most` evaluations.
+    `residuals` takes parameter values. `weight` is `REGULARISATION` in the residuals' unit; its `centre` is `begin` by
+    default. The search ends when the relative change of the sum is below `tolerance`, or after `most` evaluations.
     """
     from scipy.optimize import least_squares
 
     size, centre = coordinates.sizes(begin), begin if centre is None else centre
-    pull = weight / np.maximum(np.abs(centre), np.abs(coordinates.at(coordinates.typical)))
+    penalty = weight / np.maximum(np.abs(centre), np.abs(coordinates.at(coordinates.typical)))
 
-    def pulled(y: Floats) -> Floats:
+    def penalised(y: Floats) -> Floats:
         x = y * size
-        return np.concatenate([residuals(coordinates.values(x)), pull * (x - centre)])
+        return np.concatenate([residuals(coordinates.values(x)), penalty * (x - centre)])
 
     def slopes(y: Floats) -> Floats:
         x = y * size
-        own = differences(residuals, coordinates, x, _STEP * coordinates.sizes(x))
-        return np.concatenate([own, np.diag(pull)]) * size
+        jacobian = differences(residuals, coordinates, x, _STEP * coordinates.sizes(x))
+        return np.concatenate([jacobian, np.diag(penalty)]) * size
 
-    found = least_squares(
-        pulled,
+    solution = least_squares(
+        penalised,
         begin / size,
         jac=slopes,
         bounds=(coordinates.lower / size, coordinates.upper / size),
@@ -87,16 +87,16 @@ def search(
         gtol=tolerance,
         max_nfev=most,
     )
-    x = found.x * size
-    return 2.0 * float(found.cost) - float(np.sum((pull * (x - centre)) ** 2)), x
+    x = solution.x * size
+    return 2.0 * float(solution.cost) - float(np.sum((penalty * (x - centre)) ** 2)), x
 
 
 def differences(
-    residuals: Residuals, coordinates: Coordinates, x: Floats, steps: Floats, places: Iterable[int] | None = None
+    residuals: Residuals, coordinates: Coordinates, x: Floats, steps: Floats, indices: Iterable[int] | None = None
 ) -> Floats:
-    """Jacobian (residuals, coordinates) by differences within the bounds; `places`: the coordinates, default all."""
+    """Jacobian (residuals, coordinates) by differences within the bounds; `indices`: the coordinates, default all."""
     columns = []
-    for i in range(len(x)) if places is None else places:
+    for i in range(len(x)) if indices is None else indices:
         high, low = x.copy(), x.copy()
         high[i], low[i] = min(x[i] + steps[i], coordinates.upper[i]), max(x[i] - steps[i], coordinates.lower[i])
         difference = residuals(coordinates.values(high)) - residuals(coordinates.values(low))
@@ -106,30 +106,31 @@ def differences(
 
 # --- clustered covariance ------------------------------------------------------------------------------------------
 
-# Rail, weather and temperature shift all rows of a test alike. A single long-run variance would widen the interval of
-# every parameter as if it took the whole shift. If the tests disagree, the covariance is therefore that of the
-# delete-one-test jackknife (CV3 of [MacKinnon2023]), with Student's distribution of (tests - 1) degrees of freedom. It
-# holds for any correlation within a test.
+# Rail, weather and temperature shift all rows of a test alike. A single long-run variance would attribute the whole
+# shift to every parameter and make all intervals too wide. If the tests disagree, the covariance is therefore that of
+# the delete-one-test jackknife (CV3 of [MacKinnon2023]), with Student's distribution of (tests - 1) degrees of freedom.
+# It is valid for any correlation within a test.
 
 
 LEAST_TESTS = 5  #: tests needed for the jackknife; with fewer, Student's quantile is too large to be useful
 
-_ALONE = 0.99  # a test with a larger share of the information in some direction cannot be left out
+_LARGEST_SHARE = 0.99  # a test with a larger share of the information in some direction cannot be left out
 _DISAGREE = 0.01  # tests disagree if noise within them explains their differences with a lower probability
-_ONE_TEST = 0.5  # in lengths of the longest run: runs with a smaller gap are pieces of one test
-_SEEN = 1e-8  # of the largest singular value: smaller ones are directions that a test does not determine
+_TEST_GAP = 0.5  # in lengths of the longest run: runs with a smaller gap are pieces of one test
+_LEAST_INFORMATION = 1e-8  # share of the information below which a test does not determine a direction
 
 
 def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
-    """Number of the test, from 0, that each interval belongs to; an interval has its end `time` and length `step`, s.
+    """Number of the test, from 0, to which each interval belongs; arrays of one length.
 
-    Runs separated by a short gap or release belong to one test.
+    An interval ends at `time`, s, has the length `step`, s, and belongs to a `run`. Runs separated by less than half
+    the longest run, for example by a short release of the brake, belong to one test.
     """
     first = np.flatnonzero(np.diff(run, prepend=-1))
     if not len(first):
         return np.zeros(0, dtype=np.int64)
     begin, end = time[first] - step[first], time[np.append(first[1:], len(time)) - 1]
-    apart = begin[1:] - end[:-1] > _ONE_TEST * float(np.max(end - begin))
+    apart = begin[1:] - end[:-1] > _TEST_GAP * float(np.max(end - begin))
     test = np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)
     return np.repeat(test, np.diff(np.append(first, len(time))))
 
@@ -145,59 +146,59 @@ def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> t
         return None
     basis, triangle = np.linalg.qr(slopes)
     known = np.array([basis[test == i].T @ basis[test == i] for i in range(tests)])  # these sum to the identity
-    pull = np.array([basis[test == i].T @ residuals[test == i] for i in range(tests)])
-    if not _disagree(known, pull) or float(np.linalg.eigvalsh(known).max()) > _ALONE:
+    gradient = np.array([basis[test == i].T @ residuals[test == i] for i in range(tests)])
+    if not _disagree(known, gradient) or float(np.linalg.eigvalsh(known).max()) > _LARGEST_SHARE:
         return None
-    # the estimates without each test, by one Gauss-Newton step
-    without = -np.linalg.solve(np.eye(size) - known, pull[:, :, None])[:, :, 0]
+    # estimates with one test left out, by one Gauss-Newton step
+    without = -np.linalg.solve(np.eye(size) - known, gradient[:, :, None])[:, :, 0]
     without = np.linalg.solve(triangle, (without - without.mean(axis=0)).T)
     return (tests - 1) / tests * (without @ without.T), tests - 1
 
 
-def _disagree(known: Floats, pull: Floats) -> bool:
+def _disagree(known: Floats, gradient: Floats) -> bool:
     """True if separate fits to each test lower the sum of squares by more than the noise within tests explains."""
     from scipy.stats import chi2
 
-    singular, directions = np.linalg.eigh(known)
-    seen = singular > _SEEN
-    along = np.einsum("tji,tj->ti", directions, pull)
-    lowered = float(np.sum(along[seen] ** 2 / singular[seen]))
-    freedom = int(seen.sum()) - pull.shape[1]
+    information, directions = np.linalg.eigh(known)
+    determined = information > _LEAST_INFORMATION
+    along = np.einsum("tji,tj->ti", directions, gradient)
+    lowered = float(np.sum(along[determined] ** 2 / information[determined]))
+    freedom = int(determined.sum()) - gradient.shape[1]
     return freedom > 0 and float(chi2.sf(lowered, freedom)) < _DISAGREE
 
 
 # --- intervals from the profile of the likelihood ------------------------------------------------------------------
 
-# The profile is followed to the rise of the sum of squares that would give a nearly linear parameter its symmetric
-# interval: the vertical adjustment of [ChandlerBate2007].
+# An interval ends where the profiled sum of squares has risen by the amount that gives the symmetric interval if the
+# parameter is nearly linear: the vertical adjustment of [ChandlerBate2007].
 
 
 _REACH = 2.6  # first trial distance of an interval's end, in standard errors, or 1 size of the parameter if less
-_FURTHER = 1.6  # factor on the distance from trial to trial
-_TRIALS = 12  # reaches 280 sizes, beyond which the searches are not reliable
+_TRIAL_FACTOR = 1.6  # factor on the distance from trial to trial
+_TRIALS = 12  # most trials; they reach 280 sizes, beyond which the searches are not reliable
 _FINE = 0.02  # tolerance of an interval's end, in standard errors
 _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of the coordinate
 _PROFILE_CONVERGED = 1e-6  # relative tolerance of the sum of squares
 _PROFILE_SEARCH = 60  # most evaluations of the residuals and their Jacobian
-_SLOPE_STEP = 1e-3  # difference step, in standard errors, or of the value if that is less
-_TOLERATED = 0.125  # error of a symmetric interval, of its half width; of the quadratic rise, twice that
+_SLOPE_STEP = 1e-3  # difference step, in standard errors, or relative to the value if that is less
+_TOLERATED = 0.125  # accepted relative error of a symmetric interval's half width; twice that for the quadratic rise
 
 
 def is_symmetric(
     residuals: Residuals, coordinates: Coordinates, x: Floats, end: Floats, index: int, half: float, rise: float
 ) -> bool:
-    """True if a parameter's symmetric interval holds: checks the model at both ends, x - end and x + end.
+    """True if a parameter's symmetric interval is valid: checks the model at both ends, x - end and x + end.
 
-    `end` is the shift of the coordinates, along which the other parameters follow as their covariance says. There the
-    parameter must have moved by `half`, the sum of squares must have risen by `rise`, and no bound may be passed.
+    The shift `end` moves all coordinates according to their covariance. At each end the parameter must have moved by
+    `half`, the sum of squares must have risen by `rise`, and no coordinate may reach its bound.
     """
     value = float(coordinates.values(x)[index])
     least = float(np.sum(residuals(coordinates.values(x)) ** 2))
     for side in (-1.0, 1.0):
-        there = x + side * end
-        if np.any(there <= coordinates.lower) or np.any(there >= coordinates.upper):
+        shifted = x + side * end
+        if np.any(shifted <= coordinates.lower) or np.any(shifted >= coordinates.upper):
             return False
-        values = coordinates.values(there)
+        values = coordinates.values(shifted)
         if not abs(abs(values[index] - value) - half) <= _TOLERATED * half:
             return False
         if not abs(float(np.sum(residuals(values) ** 2)) - least - rise) <= 2.0 * _TOLERATED * rise:
@@ -215,42 +216,43 @@ def profile_interval(
     rise: float,
     beside: float = 0.0,
 ) -> tuple[float, float]:
-    """Profile-likelihood interval of a parameter; an end is the bound if the sum of squares does not rise by `rise`.
+    """Profile-likelihood interval of a parameter: its ends are where the sum of squares has risen by `rise`.
 
-    `values` are the best values; `stderr` of the parameter `index` gives the first trial. `beside` is half the interval
-    of an independent error that the residuals do not show; it is added in quadrature. The interval is at least as wide
-    as with the other parameters known, because a search may stop above the true least sum of squares.
+    If the sum does not rise so far, the end is the bound. `values` are the best values; `stderr` of the parameter
+    `index` gives the first trial. `beside` is half the interval of an independent error that the residuals do not show;
+    it is added in quadrature. The interval is at least as wide as with the other parameters fixed, because a search may
+    stop above the true least sum of squares.
     """
     inverse, value = coordinates.by_inverse(index), float(values[index])
-    best, unit = coordinates.followed(index, value), value**-2 if inverse else 1.0
+    best, unit = coordinates.represented(index, value), value**-2 if inverse else 1.0
     bounds = coordinates.range_of(index, coordinates.at(values))
     least, most = float(coordinates.least[index]), float(coordinates.most[index])
     profile = _Profile(residuals, coordinates, values, index, rise)
-    narrowest = unit * profile.alone(stderr)
-    found = []
+    narrowest = unit * profile.unprofiled(stderr)
+    limits = []
     ends = [profile.end(side, bound, stderr * unit) for side, bound in zip((-1.0, 1.0), bounds, strict=True)]
     for side, end, bound in zip((-1.0, 1.0), ends, bounds, strict=True):
         outer = best + side * math.hypot(max(abs(best - end), narrowest), beside * unit)
         if end == bound or side * outer >= side * bound:
-            found.append(least if (side < 0.0) != inverse else most)
+            limits.append(least if (side < 0.0) != inverse else most)
         else:
-            found.append(coordinates.followed(index, outer))
-    return min(found), max(found)
+            limits.append(coordinates.represented(index, outer))
+    return min(limits), max(limits)
 
 
 class _Profile:
-    """Least sum of squares as a function of one parameter, or of its inverse if `Coordinates` uses that."""
+    """Least sum of squares as a function of one parameter, or of its inverse if `Coordinates` represents it so."""
 
     def __init__(self, residuals: Residuals, coordinates: Coordinates, values: Floats, index: int, rise: float) -> None:
         self._residuals, self._coordinates, self._values = residuals, coordinates, values
         self._index, self._rise = index, rise
-        self._best, usual = (coordinates.followed(index, float(x[index])) for x in (values, coordinates.typical))
+        self._best, usual = (coordinates.represented(index, float(x[index])) for x in (values, coordinates.typical))
         self._size = max(abs(self._best), abs(usual))
         self._least = float(np.sum(residuals(values) ** 2))
-        self._above, self._ways = {self._best: -rise}, {self._best: coordinates.at(values)}
+        self._excesses, self._solutions = {self._best: -rise}, {self._best: coordinates.at(values)}
 
-    def alone(self, stderr: float) -> float:
-        """Half width of the interval with the other parameters held fixed; 0 if the sum of squares does not rise."""
+    def unprofiled(self, stderr: float) -> float:
+        """Half width of the interval with the other parameters fixed; 0 if the sum of squares does not rise."""
         value, step = float(self._values[self._index]), np.zeros_like(self._values)
         step[self._index] = _SLOPE_STEP * min(stderr, abs(value) or stderr)
         here = self._residuals(self._values)
@@ -272,32 +274,32 @@ class _Profile:
                 return float(brentq(self._excess, inside, outside, xtol=_FINE * stderr))
             if outside == bound:
                 break
-            inside, distance = outside, _FURTHER * distance
+            inside, distance = outside, _TRIAL_FACTOR * distance
         return bound
 
     def _excess(self, x: float) -> float:
         """Excess of the profiled sum of squares over its value at the interval's end."""
-        above, coordinates = self._above, self._coordinates
-        if x in above:  # another search could end a little lower and change the sign
-            return above[x]
-        way = coordinates.values(np.clip(self._guess_at(x), coordinates.lower, coordinates.upper))
-        for start in (way, coordinates.typical):  # the first start may lead to a local minimum
-            squares, there = self._minimised(start, coordinates.followed(self._index, x))
-            if not above.get(x, math.inf) <= squares - self._least - self._rise:
-                above[x], self._ways[x] = squares - self._least - self._rise, coordinates.at(there)
-            if above[x] <= 0.0:
+        excesses, coordinates = self._excesses, self._coordinates
+        if x in excesses:  # a repeated search could end a little lower and change the sign
+            return excesses[x]
+        guess = coordinates.values(np.clip(self._guess_at(x), coordinates.lower, coordinates.upper))
+        for start in (guess, coordinates.typical):  # the first start may lead to a local minimum
+            squares, values = self._minimised(start, coordinates.represented(self._index, x))
+            if not excesses.get(x, math.inf) <= squares - self._least - self._rise:
+                excesses[x], self._solutions[x] = squares - self._least - self._rise, coordinates.at(values)
+            if excesses[x] <= 0.0:
                 break
-        return above[x]
+        return excesses[x]
 
     def _guess_at(self, x: float) -> Floats:
-        """Start for the other coordinates, extrapolated linearly from the nearest profiled points."""
-        known = sorted(self._ways)
-        if len(known) == 1:
-            return self._ways[known[0]]
-        place = min(max(bisect(known, x), 1), len(known) - 1)
-        low, high = known[place - 1], known[place]
+        """Start for the coordinates, interpolated or extrapolated linearly from the nearest profiled points."""
+        profiled = sorted(self._solutions)
+        if len(profiled) == 1:
+            return self._solutions[profiled[0]]
+        i = min(max(bisect(profiled, x), 1), len(profiled) - 1)
+        low, high = profiled[i - 1], profiled[i]
         share = (x - low) / (high - low)
-        return (1.0 - share) * self._ways[low] + share * self._ways[high]
+        return (1.0 - share) * self._solutions[low] + share * self._solutions[high]
 
     def _minimised(self, start: Floats, value: float) -> tuple[float, Floats]:
         """Least sum of squares with the parameter fixed at `value`, and all values there."""
@@ -313,7 +315,7 @@ class _Profile:
             trial[others] = values
             return self._residuals(trial)
 
-        weight = PULL * math.sqrt(self._rise) / _REACH
+        weight = REGULARISATION * math.sqrt(self._rise) / _REACH
         squares, x = search(of_others, rest, begin, weight=weight, tolerance=_PROFILE_CONVERGED, most=_PROFILE_SEARCH)
         at[others] = rest.values(x)
         return squares, at
@@ -329,14 +331,14 @@ NORMAL_QUANTILE = 2.5758293035489004  #: half width of a normal 99 % interval in
 SINGULAR = 1e-6
 """Relative singular value of the scaled Jacobian below which a direction is not identifiable.
 
-There the regularisation of the search decides. Rounding leaves relative singular values of 1e-10: numbers exact to
-1e-16, differences over steps of 1e-5.
+Along this direction the result comes from the regularisation. Rounding errors of 1e-16, over difference steps of 1e-5,
+leave relative singular values of about 1e-10.
 """
 
 _DIFFERENCE = 1e-5  # difference step, in sizes of a coordinate
 _AT_BOUND = 1e-6  # in sizes of a coordinate: a search may end this far inside a bound
-_NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound counts as on it
-_NEXT_TO_BOUND = 0.05  # of the typical value: upper limit of that distance, as a standard error may be very large
+_NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound counts as resting on it
+_LARGEST_DISTANCE = 0.05  # of the typical value: upper limit of this distance, as a standard error may be very large
 
 
 class Problem(Protocol):
@@ -351,13 +353,13 @@ class Problem(Protocol):
 class ParameterEstimate:
     """Estimates of the free parameters with their uncertainty; arrays by parameter.
 
-    - covariance: (p, p), scaled as `Parameter.stderr`; NaN for parameters that are not identifiable. A parameter on a
-      bound has its row too, since it is not known exactly.
+    - covariance: (p, p), scaled as `Parameter.stderr`; NaN for parameters that are not identifiable. It includes
+      parameters that rest on a bound, because they are not known exactly.
     - coordinate_covariance: covariance of the search coordinates, in which the model is nearly linear over some
       standard errors.
     - active: bound on which a parameter rests: -1 lower, 1 upper, 0 none.
-    - dead: mask of the parameters that are not identifiable.
-    - limits: profile-likelihood intervals by parameter index, where the symmetric interval does not hold.
+    - unidentified: mask of the parameters that are not identifiable.
+    - limits: profile-likelihood intervals by parameter index, if the symmetric interval is not valid.
     """
 
     values: Floats
@@ -365,7 +367,7 @@ class ParameterEstimate:
     coordinates: Coordinates
     coordinate_covariance: Floats
     active: NDArray[np.int_]
-    dead: Flags
+    unidentified: Flags
     limits: Mapping[int, tuple[float, float]]
 
 
@@ -380,99 +382,102 @@ def estimate(
     shifts: Sequence[Floats] = (),
     profiles: bool = True,
 ) -> ParameterEstimate:
-    """Estimate the uncertainty at the best coordinates x.
+    """Estimate the uncertainty of a fit at its best coordinates x.
 
     - slopes: Jacobian of the residuals at x.
     - variance, freedom: long-run variance of the residuals, and its degrees of freedom.
-    - tests: test number of each residual (then of variance 1). If tests disagree and the model is nearly linear within
-      the intervals, the errors come from the differences between tests.
-    - shifts: errors of the method, in coordinates, each counted as a standard error.
+    - tests: test number of each residual; the residuals then have variance 1. If tests disagree and the model is nearly
+      linear within the intervals, the covariance comes from the differences between tests.
+    - shifts: errors of the numerical method, in coordinates, each counted as a standard error.
     - profiles: if false, every interval is symmetric.
     """
     coordinates = problem.coordinates
-    dead = unidentified(slopes * coordinates.sizes(x))
-    unit = covariance_of(slopes, ~dead)
-    own = unit * variance * _wider(freedom) ** 2 if math.isfinite(variance) else np.full_like(unit, np.nan)
-    turn = coordinates.slopes(x)
-    of_dead = (turn[:, dead] != 0.0).any(axis=1)
-    alive = np.where(of_dead[:, None], np.nan, turn)
-    bias = np.array([turn @ np.where(dead, 0.0, shift) for shift in shifts]).reshape(-1, len(x))
+    free = ~unidentified(slopes * coordinates.sizes(x))  # identifiable coordinates
+    unit = covariance_of(slopes, free)
+    own = unit * variance * _student_ratio(freedom) ** 2 if math.isfinite(variance) else np.full_like(unit, np.nan)
+    jacobian = coordinates.slopes(x)
+    unknown = (jacobian[:, ~free] != 0.0).any(axis=1)  # parameters that are not identifiable
+    identified = np.where(unknown[:, None], np.nan, jacobian)
+    bias = np.array([jacobian @ np.where(free, shift, 0.0) for shift in shifts]).reshape(-1, len(x))
     beside = NORMAL_QUANTILE * np.sqrt(np.sum(bias**2, axis=0))
     limits = {}
     if profiles and math.isfinite(variance):
-        limits = _profiles(problem, x, alive, unit, own, beside)
+        limits = _profiles(problem, x, identified, unit, own, beside)
     # the jackknife takes one linear step, so it is not used if the model is nonlinear within the interval
-    found = None
+    clustered = None
     if tests is not None and not limits:
-        found = clustered_covariance(slopes[:, ~dead], problem.residuals(coordinates.values(x)), tests)
-    if found is not None:
-        own[np.ix_(~dead, ~dead)] = found[0] * _wider(found[1]) ** 2
-        limits = _profiles(problem, x, alive, unit, own, beside) if profiles else {}
+        clustered = clustered_covariance(slopes[:, free], problem.residuals(coordinates.values(x)), tests)
+    if clustered is not None:
+        own[np.ix_(free, free)] = clustered[0] * _student_ratio(clustered[1]) ** 2
+        limits = _profiles(problem, x, identified, unit, own, beside) if profiles else {}
     active = _bounds_at(x, coordinates, own)
     for shift in shifts:
         own = own + np.outer(shift, shift)
     return ParameterEstimate(
         values=coordinates.values(x),
-        covariance=_turned(own, turn, of_dead, dead),
+        covariance=_transformed(own, jacobian, unknown, free),
         coordinates=coordinates,
         coordinate_covariance=own,
         active=_of_values(active, coordinates),
-        dead=of_dead,
+        unidentified=unknown,
         limits=limits,
     )
 
 
-def _wider(freedom: int) -> float:
-    """Ratio of Student's quantile to the normal one."""
+def _student_ratio(freedom: int) -> float:
+    """Ratio of Student's quantile to the normal quantile."""
     from scipy.stats import t as student
 
     return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
 
 
-def _turned(own: Floats, turn: Floats, of_dead: Flags, dead: Flags) -> Floats:
-    """Transform the coordinates' covariance to that of the values."""
-    result: Floats = turn[:, ~dead] @ own[np.ix_(~dead, ~dead)] @ turn[:, ~dead].T
-    result[of_dead] = np.nan
-    result[:, of_dead] = np.nan
+def _transformed(own: Floats, jacobian: Floats, unknown: Flags, free: Flags) -> Floats:
+    """Transform the coordinates' covariance to that of the values, which have this `jacobian`."""
+    result: Floats = jacobian[:, free] @ own[np.ix_(free, free)] @ jacobian[:, free].T
+    result[unknown] = np.nan
+    result[:, unknown] = np.nan
     return result
 
 
 def _profiles(
-    problem: Problem, x: Floats, turn: Floats, unit: Floats, own: Floats, beside: Floats
+    problem: Problem, x: Floats, jacobian: Floats, unit: Floats, own: Floats, beside: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Profile intervals where the symmetric one does not hold; `unit`: covariance for variance 1, `own`: scaled."""
-    coordinates, residuals, found = problem.coordinates, problem.residuals, {}
+    """Profile intervals by parameter index, where the symmetric interval is not valid.
+
+    `unit` is the coordinates' covariance for residuals of variance 1, `own` the scaled covariance.
+    """
+    coordinates, residuals, intervals = problem.coordinates, problem.residuals, {}
     own, unit = np.nan_to_num(own), np.nan_to_num(unit)
-    for i in (int(each) for each in np.flatnonzero(np.isfinite(turn).all(axis=1))):
-        stderr, scale = math.sqrt(turn[i] @ own @ turn[i]), float(turn[i] @ unit @ turn[i])
+    for i in (int(each) for each in np.flatnonzero(np.isfinite(jacobian).all(axis=1))):
+        stderr, scale = math.sqrt(jacobian[i] @ own @ jacobian[i]), float(jacobian[i] @ unit @ jacobian[i])
         if stderr == 0.0:
             continue
         half = NORMAL_QUANTILE * stderr
-        end, rise = half / scale * (unit @ turn[i]), half**2 / scale
+        end, rise = half / scale * (unit @ jacobian[i]), half**2 / scale
         if not is_symmetric(residuals, coordinates, x, end, i, half, rise):
-            values, wider = coordinates.values(x), float(beside[i])
-            found[i] = profile_interval(residuals, coordinates, values, i, stderr=stderr, rise=rise, beside=wider)
-    return found
+            values, bias = coordinates.values(x), float(beside[i])
+            intervals[i] = profile_interval(residuals, coordinates, values, i, stderr=stderr, rise=rise, beside=bias)
+    return intervals
 
 
 def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArray[np.int_]:
     """Active bound of each coordinate: -1 lower, 1 upper, 0 none."""
     near = np.nan_to_num(_NEAR_BOUND * np.sqrt(np.diag(covariance)))
-    next_to = _NEXT_TO_BOUND * np.abs(coordinates.at(coordinates.typical))
+    next_to = _LARGEST_DISTANCE * np.abs(coordinates.at(coordinates.typical))
     distance = np.maximum(_AT_BOUND * coordinates.sizes(x), np.minimum(near, next_to))
     return np.where(x - coordinates.lower <= distance, -1, np.where(coordinates.upper - x <= distance, 1, 0))
 
 
 def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np.int_]:
     """Convert active bounds of the coordinates to those of the values."""
-    found = active.copy()
+    result = active.copy()
     if coordinates.pair is not None:
         b, g = coordinates.pair
-        found[g] = -active[g]
-        found[b] = 1 if active[g] < 0 and not np.isfinite(coordinates.most[g]) else 0
+        result[g] = -active[g]
+        result[b] = 1 if active[g] < 0 and not np.isfinite(coordinates.most[g]) else 0
     elif coordinates.inverse is not None:
-        found[coordinates.inverse] = -active[coordinates.inverse]
-    return found
+        result[coordinates.inverse] = -active[coordinates.inverse]
+    return result
 
 
 def slopes_of(problem: Problem, x: Floats) -> Floats:
@@ -481,7 +486,10 @@ def slopes_of(problem: Problem, x: Floats) -> Floats:
 
 
 def unidentified(scaled: Floats) -> Flags:
-    """Mask of the parameters that take part in a direction along which the residuals do not change."""
+    """Mask of the coordinates that take part in a direction along which the residuals do not change.
+
+    `scaled` is the Jacobian of the residuals by the coordinates, in sizes of the coordinates.
+    """
     if not scaled.size:
         return np.zeros(scaled.shape[1], dtype=bool)
     _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
@@ -490,7 +498,7 @@ def unidentified(scaled: Floats) -> Flags:
 
 
 def covariance_of(slopes: Floats, free: Flags) -> Floats:
-    """Covariance for residuals of variance 1; NaN for parameters that are not `free`."""
+    """Covariance of the coordinates for residuals of variance 1; NaN for coordinates that are not `free`."""
     size = slopes.shape[1]
     covariance = np.full((size, size), np.nan)
     if free.any():
@@ -503,13 +511,13 @@ def covariance_of(slopes: Floats, free: Flags) -> Floats:
 # --- fits to the cells ---------------------------------------------------------------------------------------------
 
 
-_LEAST_FREEDOM = 5  # a variance with fewer degrees of freedom is too uncertain to replace that of shorter stretches
+_LEAST_FREEDOM = 5  # with fewer degrees of freedom a variance is too uncertain to replace that of shorter stretches
 
 _CONVERGED = 1e-14  # relative tolerance of the sum of squares
 _SEARCH = 300  # most evaluations of the residuals and their Jacobian
 _STATUS = {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}
-_NOTHING = 1e-9  # of the value: a lower limit below it is no constraint
-_ALIKE = 1e-9  # relative: two searches with sums of squares this close reached one minimum; no third is needed
+_NEGLIGIBLE = 1e-9  # of the value: a smaller lower limit is not a constraint
+_SAME_MINIMUM = 1e-9  # relative difference of the sums of squares of two searches that reached the same minimum
 _INSIDE = 1e-6  # distance from the bounds at which a search begins, in sizes of the coordinate
 
 
@@ -520,8 +528,8 @@ class Parameter:
     - stderr: half width of the 99 % interval over 2.576, which includes the uncertainty of the noise level; NaN if
       the parameter is not identifiable or rests on a bound.
     - status: "fitted", "at lower bound", "at upper bound" or "not identifiable".
-    - limits: the interval if it is not symmetric. It comes from the profile likelihood, near a bound or if the data
-      hardly determine the parameter, and may be unbounded; or a symmetric interval is cut at a bound.
+    - limits: the interval if it is not symmetric. It comes from the profile likelihood if the parameter is near a bound
+      or hardly determined by the data, and may be unbounded. Otherwise it is a symmetric interval, cut at a bound.
     """
 
     name: str
@@ -546,7 +554,7 @@ class Parameter:
     @property
     def is_unconstrained(self) -> bool:
         """True if the data do not constrain the parameter; its value is then an artefact of the optimiser."""
-        return self.is_open and self.interval[0] < _NOTHING * self.value
+        return self.is_open and self.interval[0] < _NEGLIGIBLE * self.value
 
     @property
     def remark(self) -> str:
@@ -567,21 +575,22 @@ class Parameter:
 class Fit:
     """A fitted model; its `law` has the fitted parameters.
 
+    - estimate: estimates of the parameters with their covariance.
     - residual_squares: sum of the squared deviations of all samples from the model.
     - cell_coefficients: the model's mean mu of each cell.
     - long_run_variance: the variance of a mean over n samples is this over n; NaN if it cannot be estimated.
     - followed: (2, k), slip ratio and mu of a dynamic model along the log's motion; None for a static model.
     - known_stderrs: standard deviations of parameters that were not fitted, by name.
     - with_profiles: whether profile-likelihood intervals were computed where needed.
-    - deviance: of a prediction-error fit, -2 log likelihood of the wheel's motion.
-    - inflation: of a prediction-error fit, long-run variance of the whitened errors, and its degrees of freedom.
-    - coarse: of a table, mu at its knots by the fit with every second knot; None for other models.
+    - deviance: -2 log likelihood of the wheel's motion, for a prediction-error fit.
+    - inflation: long-run variance of the whitened errors, and its degrees of freedom, for a prediction-error fit.
+    - coarse: mu at the knots of a table, from a fit with every second knot; None for other models.
     """
 
     model: FitModel
     law: AdhesionLaw
     parameters: tuple[Parameter, ...]
-    known: ParameterEstimate
+    estimate: ParameterEstimate
     residual_squares: float
     cell_coefficients: Floats
     long_run_variance: float
@@ -602,7 +611,7 @@ class Fit:
     @property
     def covariance(self) -> Floats:
         """Covariance of the fitted values."""
-        return self.known.covariance
+        return self.estimate.covariance
 
     @property
     def correlation(self) -> Floats:
@@ -662,13 +671,13 @@ def fit_of(
         )
         low, high = value - NORMAL_QUANTILE * stderr, value + NORMAL_QUANTILE * stderr
         cut_off = (max(low, bounds[0]), min(high, bounds[1])) if low < bounds[0] or high > bounds[1] else None
-        status = "not identifiable" if known.dead[i] else _STATUS[int(known.active[i])]
+        status = "not identifiable" if known.unidentified[i] else _STATUS[int(known.active[i])]
         parameters.append(Parameter(name, value, stderr, status, known.limits.get(i) or cut_off))
     return Fit(
         model=model,
         law=model.make(known.values, setting.rail),
         parameters=tuple(parameters),
-        known=known,
+        estimate=known,
         residual_squares=float(np.sum(inside + cells.count * (cells.mu - mean) ** 2)),
         cell_coefficients=mean,
         long_run_variance=noise[0],
@@ -694,14 +703,14 @@ class _Problem:
         self.root = np.sqrt(cells.count[used])
 
     def residuals(self, values: Floats) -> Floats:
-        """Model's mean mu minus the samples', in the cells used, times the root of the sample count."""
+        """Model's mean mu minus the samples' mean mu, in the cells used, times the root of the sample count."""
         c, at = self.cells, self.used
         mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], c.load[at])
         return np.asarray(self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at]))
 
     def solve(self) -> Floats:
-        """Best solution from all starts, in coordinates; the first of equal ones."""
-        coordinates, found = self.coordinates, []
+        """Best solution from all starts, in coordinates; the first of equal solutions."""
+        coordinates, solutions = self.coordinates, []
         weight = SINGULAR * float(np.linalg.norm(self.root * self.cells.mu[self.used]))
         starts = [coordinates.at(start) for start in self.model.starts]
         for start in starts:
@@ -709,12 +718,12 @@ class _Problem:
             end = search(
                 self.residuals, coordinates, begin, weight=weight, centre=starts[0], tolerance=_CONVERGED, most=_SEARCH
             )
-            found.append(end)
-            least = min(squares for squares, _ in found)
-            alike = [x for squares, x in found if squares <= (1.0 + _ALIKE) * least]
-            if len(alike) > 1:
+            solutions.append(end)
+            least = min(squares for squares, _ in solutions)
+            equal = [x for squares, x in solutions if squares <= (1.0 + _SAME_MINIMUM) * least]
+            if len(equal) > 1:  # a third search is not needed
                 break
-        return alike[0]
+        return equal[0]
 
 
 def long_run_variance(
@@ -722,9 +731,9 @@ def long_run_variance(
 ) -> tuple[float, int]:
     """Long-run variance of the residuals, per sample, and its degrees of freedom.
 
-    It comes from sums over stretches of time: the largest value over all stretch lengths that leave enough degrees of
-    freedom, as short stretches do not show the scatter from run to run. The bias of a finite stretch due to the
-    observer's filter is corrected; `tau` = 0 is for unfiltered residuals.
+    It comes from sums over stretches of time. It is the largest value over all stretch lengths that leave enough
+    degrees of freedom, because short stretches do not show the scatter from run to run. The bias that the observer's
+    filter causes in finite stretches is corrected; `tau`, s, is its time constant, 0 for unfiltered residuals.
     """
     entry = used[stretches.cell]
     stretch, length = stretches.stretch[entry], stretches.length
@@ -732,8 +741,8 @@ def long_run_variance(
     count = stretches.count[entry].sum()
     best = (math.nan, 0)
     while True:
-        _, place = np.unique(stretch, return_inverse=True)
-        sums = np.bincount(place, deviation)
+        _, index = np.unique(stretch, return_inverse=True)
+        sums = np.bincount(index, deviation)
         freedom = len(sums) - parameters
         if freedom < 1 or (freedom < _LEAST_FREEDOM and best[1]):
             return best
@@ -748,10 +757,10 @@ def long_run_variance(
 
 def _remarks(parameters: Sequence[Parameter], variance: float) -> tuple[str, ...]:
     remarks = []
-    dead = [p.name for p in parameters if p.status == "not identifiable"]
-    if dead:
-        change = "it changes" if len(dead) == 1 else "they change together"
-        remarks.append(message("not identifiable", names=", ".join(dead), change=change))
+    free = [p.name for p in parameters if p.status == "not identifiable"]
+    if free:
+        change = "it changes" if len(free) == 1 else "they change together"
+        remarks.append(message("not identifiable", names=", ".join(free), change=change))
     remarks += [p.remark for p in sorted(parameters, key=lambda p: p.is_open) if p.remark]
     loose = [p.name for p in parameters if p.stderr > abs(p.value) and not p.is_open]
     if loose:

@@ -1,7 +1,7 @@
 """Identify one log or several: adhesion curve, comparison of fitted models, reference slip (record `Identification`).
 
-Intervals are computed for the chosen model only, as they take most of the time. A delay of the wheel's speed is
-estimated from how well the models then follow the motion.
+Intervals take most of the time, so they are computed for the chosen model only. A delay of the wheel's speed is
+estimated by fitting the motion again with this speed shifted in time.
 """
 
 from __future__ import annotations
@@ -33,103 +33,104 @@ from .log_checks import (
     HIGHEST_MU,
     LOADS_DIFFER,
     LOWEST_MU,
-    ORDINARY,
+    MU_RANGE,
     deceleration_differs,
     is_wrong_wheel,
     units_or,
 )
 from .messages import message
 from .observed import BrakedRows, Observed
-from .prediction import PredictionErrors, is_followed, prediction_error_fit, slip_ramp
+from .prediction import PredictionErrors, has_prediction_errors, prediction_error_fit, slip_ramp
 
 # --- plausibility of a fit -------------------------------------------------------------------------------------------
 
 
 IMPOSSIBLE_MU = 1.0
-"""Fits with a highest adhesion coefficient above this are refused.
+"""Fits with a highest adhesion coefficient above this value are refused.
 
-Handbooks give 0.6 to 0.8 for clean dry steel on steel in air; values above 1 occur only where bare metals seize, as in
-vacuum.
+Handbooks give 0.6 to 0.8 for clean dry steel on steel in air; values above 1 occur only if bare metals seize, for
+example in vacuum.
 """
 
 
-def highest_mu(found: Fit, setting: models.Setting) -> float:
-    """Highest adhesion coefficient of a fitted model, at the lowest or the highest of `DRIFT_SPEEDS`.
+def highest_mu(fitted: Fit, setting: models.Setting) -> float:
+    """Highest adhesion coefficient of a fitted model, at the lowest and the highest of `DRIFT_SPEEDS`.
 
     InputError for a law whose adhesion is nowhere positive.
     """
     speeds = (share * setting.initial_speed for share in (DRIFT_SPEEDS[0], DRIFT_SPEEDS[-1]))
-    law = found.model.make_force_law(found.values, found.law.rail)
+    law = fitted.model.make_force_law(fitted.values, fitted.law.rail)
     try:
         return max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
     except DomainError:
         raise InputError(message("nowhere positive")) from None
 
 
-def check_fit(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> None:
-    """Raise InputError if a fit's highest adhesion is above `IMPOSSIBLE_MU`, or nowhere positive."""
-    value = highest_mu(found, setting)
+def check_fit(fitted: Fit, setting: models.Setting, curve: AdhesionCurve) -> None:
+    """Raise InputError if the highest adhesion of a fit is above `IMPOSSIBLE_MU`, or nowhere positive."""
+    value = highest_mu(fitted, setting)
     if value <= IMPOSSIBLE_MU:
         return
-    seen = curve.highest_mu  # if the log itself is plausible, a wrong unit is not the cause
+    seen = curve.highest_mu  # if the measured values are plausible, a wrong unit is not the cause
     cause = units_or(seen, curve.factors)
     if LOWEST_MU <= seen <= HIGHEST_MU:
         cause = message("log is ordinary", seen=seen)
-    given = [f"`fixed` {name}={value:g}" for name, value in setting.fixed.items() if name in found.model.known]
+    given = [f"`fixed` {name}={value:g}" for name, value in setting.fixed.items() if name in fitted.model.known]
     cause = message("fixed is given", values=", ".join(given), cause=cause) if given else cause
     raise InputError(message("impossible mu", value=value, limit=IMPOSSIBLE_MU, cause=cause))
 
 
-def fit_doubts(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> tuple[str, ...]:
+def fit_warnings(fitted: Fit, setting: models.Setting, curve: AdhesionCurve) -> tuple[str, ...]:
     """Warnings about an implausible fit that is not refused, one sentence each."""
-    value = highest_mu(found, setting)
+    value = highest_mu(fitted, setting)
     ordinary = LOWEST_MU <= value <= HIGHEST_MU
-    doubts = []
+    warnings = []
     if not ordinary:
         cause = units_or(value, curve.factors)
-        doubts.append(message("fitted mu", model=found.model.name, value=value, **ORDINARY, cause=cause))
-    unconstrained = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_unconstrained]
+        warnings.append(message("fitted mu", model=fitted.model.name, value=value, **MU_RANGE, cause=cause))
+    unconstrained = [f"{p.name} of {p.value:.4g}" for p in fitted.parameters if p.is_unconstrained]
     if unconstrained:
-        doubts.append(message("any other", parameters=", ".join(unconstrained)))
+        warnings.append(message("any other", parameters=", ".join(unconstrained)))
     log_ordinary = ordinary and LOWEST_MU <= curve.highest_mu <= HIGHEST_MU
-    for p, low, high in zip(found.parameters, found.model.lower, found.model.upper, strict=True):
+    for p, low, high in zip(fitted.parameters, fitted.model.lower, fitted.model.upper, strict=True):
         if "bound" in p.status:
             side, bound = ("lower", low) if "lower" in p.status else ("upper", high)
             by_user = bound in setting.bounds.get(p.name, ())
             why = message("bound given" if by_user else "bound, log ordinary" if log_ordinary else "bound, units")
             # a tiny bound represents an open bound of 0
-            end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOTHING else bound:.4g}"
-            doubts.append(f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {why}")
-    return tuple(f"{curve.name}: {text}" for text in doubts)
+            end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _OPEN_BOUND else bound:.4g}"
+            warnings.append(f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {why}")
+    return tuple(f"{curve.name}: {text}" for text in warnings)
 
 
-_NOTHING = 1e-11  # a bound below this represents an open bound of 0
+_OPEN_BOUND = 1e-11  # a bound below this represents an open bound of 0
 
 # --- the delay of the wheel's speed ----------------------------------------------------------------------------------
 
-_ALIKE = 2.6  # standard errors within which two delays count as equal (99 %)
-_MOST_ROWS = 2000  # rows used, in whole runs from the start: ten rig tests resolve a tenth of an interval
-_LEAST_GAIN = 40.0  # least deviance gain over the errors' long-run variance; without a delay up to 26 was seen
-_GAIN_OF_TABLE = 6.6  # least deviance gain of a table (chi-squared, 1 %); less, as a table absorbs part of a delay
-_HOPELESS = 0.5  # of `_LEAST_GAIN`: if a parabola through three lags gains less, the search ends
+_EQUAL = 2.6  # in standard errors: two delays that differ by less count as equal (99 %)
+_MOST_ROWS = 2000  # most rows used, in whole runs from the start; ten rig tests resolve a tenth of an interval
+_LEAST_GAIN = 40.0  # least deviance gain over the errors' long-run variance; logs without a delay reached 26
+_GAIN_OF_TABLE = 6.6  # least deviance gain of a table (chi-squared, 1 %), lower because it absorbs part of a delay
+_LEAST_TRIAL_GAIN = 0.5  # of `_LEAST_GAIN`: if a parabola through three lags gains less, the search ends
 _RESOLVED = 0.03  # tolerance of the lag, in intervals of the log: at most a fifth of its standard error
-_MOST_LAGS = 10  # most evaluations of the final search, as each is a fit
-_BETWEEN = 0.1  # standard error due to the motion between rows, in intervals, as seen on the virtual rig
-_CURVED = 0.25  # step for the curvature of the deviance, in intervals
+_MOST_LAGS = 10  # most evaluations of the final search; each is a fit
+_MOTION_STDERR = 0.1  # standard error due to the motion between rows, in intervals, as found on the virtual rig
+_CURVATURE_STEP = 0.25  # difference step for the curvature of the deviance, in intervals
 
 
 @dataclass(frozen=True)
 class Lag:
-    """Delay of the wheel's speed relative to the other columns, s, with its standard error; negative if early."""
+    """Delay of the wheel's speed relative to the other columns, s, negative if early, with its standard error, s."""
 
     seconds: float
     stderr: float
 
 
 class Shifted:
-    """Refits a model with the wheel's speed shifted in time, and gives the deviance of each fit.
+    """Refits a model with the wheel's speed shifted in time, and returns the deviance of each fit.
 
-    Uses whole runs from the start of the record, at most `_MOST_ROWS` rows, but at least one run.
+    It uses whole runs from the start of the record, as many as fit into `_MOST_ROWS` rows. If the first run is longer,
+    it uses the first `_MOST_ROWS` rows.
     """
 
     def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
@@ -138,46 +139,46 @@ class Shifted:
         rows = int(whole[-1] if len(whole) else min(ends[0], _MOST_ROWS))
         self._record = replace(record, **{name: values[:rows] for name, values in vars(record).items()})
         self._model, self._vehicle, self._wheel_load = fit.model, vehicle, wheel_load
-        self._start, self._known = fit.values, dict[float, tuple[float, float]]()
-        self.followed = is_followed(fit.model, self._record)
+        self._start, self._results = fit.values, dict[float, tuple[float, float]]()
+        self.is_usable = has_prediction_errors(fit.model, self._record)
         self.interval = float(np.median(np.diff(self._record.time)[np.diff(self._record.run) == 0]))  # s
 
     def inflation(self, lag: float) -> float:
         """Long-run variance of the whitened errors at a lag already evaluated, at least 1."""
-        return max(self._known[lag][1], 1.0)
+        return max(self._results[lag][1], 1.0)
 
     def deviance(self, lag: float) -> float:
         """-2 log likelihood at a lag, s; the fit starts from the best parameters so far."""
-        if lag not in self._known:
-            problem = PredictionErrors(self._model, earlier(self._record, lag), self._vehicle, self._wheel_load)
+        if lag not in self._results:
+            problem = PredictionErrors(self._model, delayed(self._record, lag), self._vehicle, self._wheel_load)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try extreme values
-                found, values, inflation = problem.likeliest(self._start)
-            self._known[lag] = found, inflation
-            self._start = values if found <= min(self._known.values())[0] else self._start
-        return self._known[lag][0]
+                deviance, values, inflation = problem.maximum_likelihood(self._start)
+            self._results[lag] = deviance, inflation
+            self._start = values if deviance <= min(self._results.values())[0] else self._start
+        return self._results[lag][0]
 
 
 def lag_of(
     fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float, *, table: Fit | None = None
 ) -> Lag | None:
-    """Most likely delay of the wheel's speed, or None if the motion does not clearly favour one.
+    """Most likely delay of the wheel's speed, or None if the motion does not clearly favour a delay.
 
     If a `table` is given, the delay must also improve the fit of the table.
     """
     shifted = Shifted(fit, record, vehicle, wheel_load)
-    if not shifted.followed:
+    if not shifted.is_usable:
         return None
     try:
-        lag = _likeliest(shifted)
+        lag = _most_likely(shifted)
         if lag is None or table is None:
             return lag
         beside = Shifted(table, record, vehicle, wheel_load)
         return lag if beside.deviance(0.0) - beside.deviance(lag.seconds) > _GAIN_OF_TABLE else None
-    except ValueError:  # raised by SciPy and LAPACK if the errors are not finite: no estimate
+    except ValueError:  # raised by SciPy and LAPACK if the errors are not finite; the delay is then unknown
         return None
 
 
-def _likeliest(shifted: Shifted) -> Lag | None:
+def _most_likely(shifted: Shifted) -> Lag | None:
     """Lag that minimises -2 log likelihood of the motion; None unless the minimum is far below the value at lag 0."""
     from scipy.optimize import minimize_scalar
 
@@ -193,21 +194,21 @@ def _likeliest(shifted: Shifted) -> Lag | None:
     at = (low, middle, high)
     constant, slope, square = np.polynomial.polynomial.polyfit(at, [*map(deviance, at)], 2)
     least = constant - slope**2 / (4.0 * square) if square > 0.0 else deviance(middle)
-    if now - least <= _HOPELESS * _LEAST_GAIN:
+    if now - least <= _LEAST_TRIAL_GAIN * _LEAST_GAIN:
         return None
     options = {"maxiter": _MOST_LAGS, "xatol": _RESOLVED * interval}
-    found = minimize_scalar(deviance, bounds=(low, high), method="bounded", options=options)
-    lag, step = float(found.x), _CURVED * interval
-    inflation = shifted.inflation(found.x)
-    bend = (deviance(lag + step) + deviance(lag - step) - 2.0 * found.fun) / step**2 / inflation
-    if (now - found.fun) / inflation <= _LEAST_GAIN or not bend > 0.0:
+    best = minimize_scalar(deviance, bounds=(low, high), method="bounded", options=options)
+    lag, step = float(best.x), _CURVATURE_STEP * interval
+    inflation = shifted.inflation(best.x)
+    bend = (deviance(lag + step) + deviance(lag - step) - 2.0 * best.fun) / step**2 / inflation
+    if (now - best.fun) / inflation <= _LEAST_GAIN or not bend > 0.0:
         return None
-    stderr = math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval)
-    return Lag(lag, stderr) if abs(lag) > _ALIKE * stderr else None
+    stderr = math.hypot(math.sqrt(2.0 / bend), _MOTION_STDERR * interval)
+    return Lag(lag, stderr) if abs(lag) > _EQUAL * stderr else None
 
 
-def earlier(record: BrakedRows, lag: float) -> BrakedRows:
-    """Shift train speed and brake torque of a record by `lag` seconds towards earlier values, run by run."""
+def delayed(record: BrakedRows, lag: float) -> BrakedRows:
+    """Delay train speed and brake torque of a record by `lag`, s, run by run, to match a wheel speed that is late."""
     speed, torque = record.speed.copy(), record.torque.copy()
     for run in np.unique(record.run):
         at = record.run == run
@@ -218,11 +219,11 @@ def earlier(record: BrakedRows, lag: float) -> BrakedRows:
 
 
 def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
-    """Warning about a delay; `interval` is the log's, s, `delays` are the corrections given by the user, s."""
+    """Warning about a delay; `interval` is that of the log, s, `delays` are the corrections given by the user, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
     cause = ""
-    if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
-        late, cause = interval / 2.0, "half an interval, as of a speed computed from encoder counts: "
+    if not given and abs(late - interval / 2.0) < _EQUAL * lag.stderr:
+        late, cause = interval / 2.0, "half an interval, as for a speed computed from encoder counts: "
     remedy = f"{cause}`delays` {wheel_column}={given + late:.3g} corrects it"
     remedy = message("no such delay") if abs(given + late) > LONGEST_DELAY else remedy
     side, seconds = "late" if late > 0 else "early", abs(lag.seconds)
@@ -232,18 +233,18 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
 # --- the models of a log ---------------------------------------------------------------------------------------------
 
 
-DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  #: speeds at which the peak is reported, of the initial speed
+DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  #: speeds at which the peak is reported, as shares of the initial speed
 
 
 class Candidates:
-    """Fits models to a curve; the regimes are split at the highest measured mu."""
+    """Fits models to an adhesion curve; the sliding regime begins at the highest measured mu."""
 
     def __init__(self, curve: AdhesionCurve, vehicle: Vehicle, setting: models.Setting) -> None:
         self.curve, self.vehicle, self.setting = curve, vehicle, setting
         self.regimes = results.regimes_of_data(curve.cells)
 
     def fitted(self, names: Sequence[str]) -> tuple[tuple[Fit, ...], tuple[str, ...]]:
-        """Fit the named models; (fits, one sentence for each that failed). A single model also gets intervals."""
+        """Fit the named models; return (fits, messages for failed models). A single model also gets intervals."""
         fits, failures, alone = list[Fit](), list[str](), len(names) == 1
         for name in names:
             try:
@@ -252,38 +253,38 @@ class Candidates:
                 failures.append(f"{self.curve.name}: {error}" if alone else f"{self.curve.name}: {name}: {error}")
         return tuple(fits), tuple(failures)
 
-    def with_intervals(self, found: Fit) -> Fit:
+    def with_intervals(self, fitted: Fit) -> Fit:
         """Return the fit with intervals of its parameters, fitted again if it has none."""
-        return found if found.with_profiles else self._fit(found.model.name, profiles=True)
+        return fitted if fitted.with_profiles else self._fit(fitted.model.name, profiles=True)
 
     def table_of(self, fits: Sequence[Fit]) -> Fit | None:
-        """Return the table among some fits, or fit one; None if a table cannot follow the motion."""
-        found = next((each for each in fits if each.model.name == "table"), None)
-        if found is None:
+        """Return the fitted table in `fits`, or fit a table; None if it has no prediction-error fit."""
+        table = next((each for each in fits if each.model.name == "table"), None)
+        if table is None:
             with suppress(InputError):
-                found = self._fit("table", profiles=False)
-        return found if found is not None and found.coarse is not None else None
+                table = self._fit("table", profiles=False)
+        return table if table is not None and table.coarse is not None else None
 
     def _fit(self, name: str, *, profiles: bool) -> Fit:
         """Fit one model. InputError if it cannot be fitted, or its adhesion is impossible."""
         curve, setting, profiles = self.curve, self.setting, profiles and name != "table"
         model = models.fit_model(name, curve.cells, models.shape_of(curve.cells, curve.peak_slip), setting)
         known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
-        first = fit(model, *known, profiles=profiles and not is_followed(model, curve.record))
+        first = fit(model, *known, profiles=profiles and not has_prediction_errors(model, curve.record))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try extreme values
-            found = prediction_error_fit(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
-            check_fit(found, setting, curve)
-        return replace(found, with_profiles=profiles or name == "table")
+            fitted = prediction_error_fit(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
+            check_fit(fitted, setting, curve)
+        return replace(fitted, with_profiles=profiles or name == "table")
 
 
 # --- identification of one log, or of several ------------------------------------------------------------------------
 
 
-_LINE_POINTS = 200  # of a model's curve in a picture
-_RAMP_SLIP = 0.05  # slip ratio up to which the ramp is measured at least, if the peak is lower
-_OTHER_SPEED = 1.25  # ratio of given to logged initial speed that is accepted; a log may begin while braking
-_OTHER_RAMP = 3.0  # ratio of given to logged ramp that is accepted; runs of one log differ by less
-_LEAST_RAMP = 0.05  # m/s^2; a slower change counts as constant slip, not as a ramp
+_LINE_POINTS = 200  # points of a model's curve in a picture
+_RAMP_SLIP = 0.05  # least slip ratio up to which the ramp is measured, for a peak at a lower slip
+_OTHER_SPEED = 1.25  # accepted ratio of given and logged initial speed; a log may begin while the train is braking
+_OTHER_RAMP = 3.0  # accepted ratio of given and logged slip acceleration; runs of one log differ by less
+_LEAST_RAMP = 0.05  # m/s^2; a slower change counts as constant slip
 
 
 @dataclass(frozen=True)
@@ -300,16 +301,16 @@ class Identification:
     """Result of identifying a log.
 
     - vehicle, options: as given.
-    - setting: values that the fits took as known.
+    - setting: known quantities of the fits.
     - curve: the data of the log.
-    - scores, lines: all fitted models, lowest BIC first, and their curves in that order.
-    - chosen: the model asked for, else the first formula that fits, else the table.
-    - not_fitted: why models were left out, one sentence each.
+    - scores, lines: all fitted models, lowest BIC first, and their curves in the same order.
+    - chosen: the model given by the user, else the first formula that fits, else the table.
+    - not_fitted: reasons why models are left out, one sentence each.
     - peaks: peaks over speed, on the log's rail and on wet rail.
-    - regimes: split at the chosen model's peak if the log goes past it.
+    - regimes: adhesion and sliding, split at the chosen model's peak if the log goes past it.
     - reference: reference slips at the initial speed; None without a peak.
-    - warnings: faults of the log, seen in the data or in the fits.
-    - doubts: warnings about the chosen model.
+    - warnings: faults of the log that the data or the fits show.
+    - fit_warnings: warnings about the chosen model.
     """
 
     vehicle: Vehicle
@@ -324,7 +325,7 @@ class Identification:
     reference: ReferenceSlip | None
     lines: tuple[ModelLine, ...]
     warnings: tuple[str, ...]
-    doubts: tuple[str, ...] = ()
+    fit_warnings: tuple[str, ...] = ()
 
     @property
     def speeds_shown(self) -> tuple[float, float]:
@@ -338,7 +339,7 @@ class Identification:
 
     @property
     def no_reference(self) -> str | None:
-        """Reason why there is no reference slip; None if there is one."""
+        """Reason why there is no reference slip; None if there is a reference slip."""
         if self.reference is not None:
             return None
         seen = float(self.curve.cells.slip.max())
@@ -365,7 +366,7 @@ def identify(
     progress: Callable[[float], None] | None = None,
     observed: Callable[[Observed], None] | None = None,
 ) -> Identification:
-    """Identify the adhesion law from a log: curve, fits of the models asked for, comparison, reference slip.
+    """Identify the adhesion law from a log: curve, fits of the models in the options, comparison, reference slip.
 
     - path: the CSV file, in the format of `railslip identify --help`.
     - vehicle: vehicle whose wheel and wheel load are used, SI.
@@ -373,10 +374,10 @@ def identify(
     - progress: called with the share of the file read, 0 to 1.
     - observed: called with each block of observed samples, SI.
 
-    InputError, in one line, for a log or an option that cannot be used.
+    A log or an option that cannot be used raises InputError with a message of one line.
     """
     path, options = Path(path), options or Options()
-    _model_names(options)  # before a large log is read
+    _model_names(options)  # raises an error before a large log is read
     curve = read_curve(path, vehicle, options, progress=progress, observed=observed)
     return identify_curve(curve, vehicle, options)
 
@@ -400,12 +401,12 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     table = candidates.table_of(fits)
     scores, chosen, peaks, without = _chosen(results.compare(fits, curve.cells), candidates, table)
     warnings = (
-        *_misfit(scores, chosen.fit, table, curve.name),
+        *_misfit_warning(scores, chosen.fit, table, curve.name),
         *curve.warnings,
-        *_against_the_log(curve, setting, options),
-        *_late(chosen.fit, table, candidates, options),
+        *_contradictions(curve, setting, options),
+        *_delay_warning(chosen.fit, table, candidates, options),
     )
-    of_model = _of_model(chosen, peaks, candidates)
+    of_model = _model_fields(chosen, peaks, candidates)
     return Identification(
         vehicle=vehicle,
         options=options,
@@ -419,8 +420,8 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     )
 
 
-def _of_model(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
-    """Fields of an `Identification` that follow from the chosen model; the last peak of each rail is at v0."""
+def _model_fields(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
+    """Fields of an `Identification` that depend on the chosen model; the last peak of each rail is at v0."""
     curve, setting = candidates.curve, candidates.setting
     at_v0 = {peak.rail: peak for peak in peaks}
     # for a wet log, both reference slips are those of the wet rail
@@ -430,16 +431,16 @@ def _of_model(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candid
         "peaks": peaks,
         "regimes": results.regimes_of(at_v0[setting.rail].slip, chosen.fit.model.name, curve.cells, candidates.regimes),
         "reference": ReferenceSlip(dry=dry, wet=wet) if math.isfinite(dry) and math.isfinite(wet) else None,
-        "doubts": fit_doubts(chosen.fit, setting, curve),
+        "fit_warnings": fit_warnings(chosen.fit, setting, curve),
     }
 
 
 def _chosen(
     scores: tuple[results.Score, ...], candidates: Candidates, table: Fit | None
 ) -> tuple[tuple[results.Score, ...], results.Score, tuple[results.PeakSlip, ...], tuple[str, ...]]:
-    """Choose the first formula that fits, else the table; (scores, chosen, its peaks, why others have no peak).
+    """Choose the first formula that fits, else the table; InputError if no model has a peak.
 
-    InputError if no model has a peak.
+    Returns (scores, chosen, its peaks, messages for models without a peak).
     """
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
@@ -462,31 +463,32 @@ def _chosen(
     raise InputError("; ".join([*_wheel_findings(curve), failures[0]]))
 
 
-def _against_the_log(curve: AdhesionCurve, setting: models.Setting, options: Options) -> tuple[str, ...]:
+def _contradictions(curve: AdhesionCurve, setting: models.Setting, options: Options) -> tuple[str, ...]:
     """Warnings about given values that contradict the log, one sentence each."""
-    found, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
+    warnings, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
-        found.append(message("other initial speed", given=v0 / KMH, seen=seen / KMH))
+        warnings.append(message("other initial speed", given=v0 / KMH, seen=seen / KMH))
     given, ramp = options.slip_acceleration, setting.slip_acceleration
     if given is not None and ramp is not None and not 1.0 / _OTHER_RAMP < given / ramp < _OTHER_RAMP:
-        found.append(message("other ramp", given=given, seen=ramp))
-    return tuple(f"{curve.name}: {text}" for text in found)
+        warnings.append(message("other ramp", given=given, seen=ramp))
+    return tuple(f"{curve.name}: {text}" for text in warnings)
 
 
-def _misfit(scores: Sequence[results.Score], chosen: Fit, table: Fit | None, log: str) -> tuple[str, ...]:
-    """Warning if the chosen formula does not fit, or no formula does."""
+def _misfit_warning(scores: Sequence[results.Score], chosen: Fit, table: Fit | None, log: str) -> tuple[str, ...]:
+    """Warning if the chosen formula does not fit, or if no formula fits."""
     nearest = next((score.fit for score in scores if score.fit.model.name != "table"), chosen)
-    of = chosen if chosen.model.name != "table" else nearest
-    if table is None or not results.is_misfit(of, table):
+    formula = chosen if chosen.model.name != "table" else nearest
+    if table is None or not results.is_misfit(formula, table):
         return ()
-    numbers = {"model": of.model.name, "limit": results.FALSE_MISFIT, "most": results.departure(of, table)}
-    return (f"{log}: {message('no formula fits' if chosen is not of else 'model does not fit', **numbers)}",)
+    key = "model does not fit" if chosen is formula else "no formula fits"
+    most = results.largest_difference(formula, table)
+    return (f"{log}: {message(key, model=formula.model.name, limit=results.FALSE_MISFIT, most=most)}",)
 
 
-def _late(fit: Fit, table: Fit | None, candidates: Candidates, options: Options) -> tuple[str, ...]:
-    """Warning if the wheel's speed is delayed; none if another fault of the log could look like a delay.
+def _delay_warning(fit: Fit, table: Fit | None, candidates: Candidates, options: Options) -> tuple[str, ...]:
+    """Warning if the wheel's speed is delayed; empty if another fault of the log could look like a delay.
 
-    The estimate uses the formula if that fits, else the table.
+    The estimate uses the formula if it fits, else the table.
     """
     curve, load = candidates.curve, candidates.setting.wheel_load
     if curve.survey.is_mixed or is_wrong_wheel(curve.rolling) or deceleration_differs(curve.deceleration_ratio):
@@ -506,9 +508,9 @@ def _wheel_findings(curve: AdhesionCurve) -> tuple[str, ...]:
 def _peaks(
     score: results.Score, setting: models.Setting, curve: AdhesionCurve, table: Fit | None
 ) -> tuple[results.PeakSlip, ...]:
-    """Peaks over speed, without a reference slip if the peak lies beyond the slips of the log.
+    """Peaks over speed, without a reference slip if the peak lies beyond the largest slip of the log.
 
-    A formula's interval contains that of the table, unless the formula follows the motion better than the table.
+    A formula's interval contains the table's interval, unless the formula fits the motion better than the table.
     """
     fit, v0, widest = score.fit, setting.initial_speed, None
     speeds = [share * v0 for share in DRIFT_SPEEDS]
@@ -533,7 +535,7 @@ def _line(fit: Fit, cells: Cells, setting: models.Setting) -> ModelLine:
 
 
 def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> models.Setting:
-    """Values that the fits take as known: wheel load, v0 and ramp, from the log unless given."""
+    """Known quantities of the fits: wheel load, v0 and slip acceleration, from the log unless given."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
     ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
     ramped = ramp >= _LEAST_RAMP
@@ -553,7 +555,7 @@ def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> mode
 class LogSeries:
     """Several logs identified with one model, and its parameters over the initial speed.
 
-    `warnings` concern the logs together; each log has its own as well.
+    `warnings` are about differences between the logs; each log also has its own warnings.
     """
 
     logs: tuple[Identification, ...]
@@ -564,9 +566,9 @@ class LogSeries:
 def identify_several(
     paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
 ) -> LogSeries:
-    """Identify logs at several initial speeds with one model; "best" is the one with the lowest sum of BIC.
+    """Identify logs at several initial speeds with one model; "best" is the model with the lowest sum of BIC.
 
-    `paths` are the logs; `vehicle`, `options`, `progress` and InputError as of `identify`.
+    `paths` are the logs; `vehicle`, `options`, `progress` and InputError as in `identify`.
     """
     whole = [path.resolve() for path in paths]
     for i, path in enumerate(whole):
@@ -575,17 +577,17 @@ def identify_several(
     for first, second in itertools.combinations([path for path in paths if path.is_file()], 2):
         if first.stat().st_size == second.stat().st_size and filecmp.cmp(first, second, shallow=False):
             raise InputError(message("a copy", path=second, other=first))
-    done = []
+    identified = []
     for i, path in enumerate(paths):
         share = None if progress is None else (lambda x, i=i: progress((i + x) / len(paths)))
-        done.append(identify(path, vehicle, options, progress=share))
+        identified.append(identify(path, vehicle, options, progress=share))
     if options.model == "best":
-        done = _with_one_model(done)
-    fits = [each.chosen.fit for each in done]
+        identified = _with_one_model(identified)
+    fits = [each.chosen.fit for each in identified]
     return LogSeries(
-        logs=tuple(done),
-        polynomials=results.over_initial_speed([each.setting.initial_speed for each in done], fits),
-        warnings=different_loads([(each.curve.name, each.setting.wheel_load) for each in done]),
+        logs=tuple(identified),
+        polynomials=results.over_initial_speed([each.setting.initial_speed for each in identified], fits),
+        warnings=different_loads([(each.curve.name, each.setting.wheel_load) for each in identified]),
     )
 
 
@@ -598,22 +600,22 @@ def different_loads(loads: Sequence[tuple[str, float]]) -> tuple[str, ...]:
     return (message("loads of logs", low=low, least=least, high=high, most=most, mean=mean),)
 
 
-def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
+def _with_one_model(identified: Sequence[Identification]) -> list[Identification]:
     totals: dict[str, float] = {}
-    for score in done[0].scores:
+    for score in identified[0].scores:
         name = score.fit.model.name
-        same = [s for each in done for s in each.scores if s.fit.model.name == name]
-        if len(same) == len(done) and name != "table":  # tables have different knots in each log
+        same = [s for each in identified for s in each.scores if s.fit.model.name == name]
+        if len(same) == len(identified) and name != "table":  # tables have different knots in each log
             totals[name] = sum(s.bic for s in same)
     if not totals:
-        raise InputError("model: no model fits every log; name one with `model`")
+        raise InputError("model: no model fits every log; choose a model with `model`")
     for best in sorted(totals, key=lambda name: totals[name]):
         with suppress(DomainError):  # raised if the model has no peak in one of the logs
-            return [_choosing(each, best) for each in done]
-    raise InputError("model: no model has a peak in every log; name one with `model`")
+            return [_with_model(each, best) for each in identified]
+    raise InputError("model: no model has a peak in every log; choose a model with `model`")
 
 
-def _choosing(identification: Identification, name: str) -> Identification:
+def _with_model(identification: Identification, name: str) -> Identification:
     if identification.chosen.fit.model.name == name:
         return identification
     curve, setting = identification.curve, identification.setting
@@ -622,4 +624,4 @@ def _choosing(identification: Identification, name: str) -> Identification:
     chosen = replace(score, fit=candidates.with_intervals(score.fit))
     peaks = _peaks(chosen, setting, curve, candidates.table_of([each.fit for each in identification.scores]))
     scores = tuple(chosen if each is score else each for each in identification.scores)
-    return replace(identification, scores=scores, **_of_model(chosen, peaks, candidates))
+    return replace(identification, scores=scores, **_model_fields(chosen, peaks, candidates))

@@ -1,8 +1,9 @@
 """Plausibility checks of a log; each fault is a `Finding`.
 
-- Free rolling: without brake, torque and slip are zero. A torque read there is an offset, a slip a wrong wheel radius.
+- Free rolling: without brake, torque and slip are zero. A measured torque is then a sensor offset, and a measured slip
+  indicates a wrong wheel radius.
 - Adhesion: compared with the range of steel on steel.
-- Deceleration: compared with the wheel's adhesion and the train's mass.
+- Deceleration: compared with the deceleration expected from the wheel's adhesion and the train's mass.
 - Unit of the time, resolution of the columns, wheel loads.
 """
 
@@ -33,23 +34,23 @@ class Finding:
     text: str
 
 
-# --- free rolling: windows with constant torque and slip, at the lowest torque with enough of them -------------------
+# --- free rolling: windows with constant torque and slip, at the lowest torque that has enough windows ---------------
 
 
 _SECONDS, _LEAST_ROWS = 0.2, 16  # least duration, s, and rows of a window
 _ROUNDING = 1e-6  # relative rounding error of the median interval
 _GAP_INTERVALS = 5.0  # a longer interval separates windows, in median intervals
-_MOST_WINDOWS = 8192  # beyond this every second window is dropped
-_ABSURD = 1e12  # SI; larger values are no measurement, and their squares might overflow
+_MOST_WINDOWS = 8192  # if there are more, every second window is dropped
+_LARGEST_VALUE = 1e12  # SI; larger values are not measurements, and their squares might overflow
 
-_STEADY = 3.0  # standard errors; a smaller trend is not significant
-_STEADY_MU = 0.001  # torque over radius and wheel load; smaller changes in a window, or between zeros, are accepted
-_STEADY_SLIP = 0.03  # slip change in a window; the contact's spring swings less, a wheel after braking more
+_STEADY = 3.0  # in standard errors; a smaller trend is not significant
+_STEADY_MU = 0.001  # torque over radius and wheel load; smaller changes within or between windows are accepted
+_STEADY_SLIP = 0.03  # accepted slip change in a window; contact oscillations are smaller, recovery after braking larger
 
 _LEAST_WINDOWS = 2
-_LEAST_SHARE = 0.02  # least share of the steady windows; a shorter zero may be a sensor's dropout
-_BRAKES = 0.02  # of wheel load times radius; a larger torque is an offset only if the train does not slow down by it
-_SLOWED = 0.5  # of the deceleration that the torque would cause: above it the brake is applied
+_LEAST_SHARE = 0.02  # least share of the steady windows; a shorter zero torque may be a dropout of the sensor
+_LEAST_BRAKE = 0.02  # of wheel load times radius; a larger torque is an offset only if it does not slow the train
+_BRAKED_SHARE = 0.5  # of the deceleration that the torque would cause; a train that slows more is braked
 
 _MEDIAN = 1.2533  # standard error of a median over that of a mean, normal noise
 _SIGMA_PER_MAD = 1.4826  # standard deviation over the median absolute deviation, normal noise
@@ -60,7 +61,7 @@ _UNIFORM = math.sqrt(12.0)  # step over the standard deviation of its rounding e
 class Rolling:
     """Slip ratio and brake torque during free rolling, with their standard errors, SI.
 
-    The other fields are medians; `freedom` are degrees of freedom of the standard errors.
+    The other fields are medians; `freedom` is the number of degrees of freedom of the standard errors.
     """
 
     slip: float
@@ -74,8 +75,8 @@ class Rolling:
     freedom: float
 
     @property
-    def sure(self) -> float:
-        """Standard errors beyond which a value is significant: Student's quantile for `_FALSE_ALARM`."""
+    def critical_value(self) -> float:
+        """Number of standard errors beyond which a value is significant: Student's quantile for `_FALSE_ALARM`."""
         from scipy.special import stdtrit
 
         return float(stdtrit(self.freedom, 1.0 - _FALSE_ALARM / 2.0))
@@ -90,13 +91,13 @@ class FreeRolling:
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle, self._radius = vehicle, vehicle.wheel.radius
         self._rows = np.empty((5, 0))
-        self._interval, self._size = math.nan, 0  # s; rows of a window, known after the first rows
+        self._interval, self._size = math.nan, 0  # interval, s, and rows of a window; set from the first rows
         self._windows = np.empty((7, 0))  # columns as of `_steady`
         self._stride, self._seen = 1, 0
 
     def add(self, rows: Floats) -> None:
         """Add rows (5, k): time (s), v (m/s), omega (rad/s), torque (N*m), load (N); time grows over all blocks."""
-        rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _ABSURD, axis=0)]], axis=1)
+        rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _LARGEST_VALUE, axis=0)]], axis=1)
         if rows.shape[1] < 2:
             self._rows = rows
             return
@@ -110,16 +111,20 @@ class FreeRolling:
             if count:
                 views = np.lib.stride_tricks.sliding_window_view(part, self._size, axis=1)
                 self._keep(self._steady(views[:, : (count - 1) * hop + 1 : hop]))
-            self._rows = part[:, count * hop :]  # the beginning of the next window
+            self._rows = part[:, count * hop :]  # beginning of the next window
 
     def _steady(self, views: Floats) -> Floats:
-        """Reduce the steady ones of the windows (5, m, rows) to columns of seven numbers."""
+        """Reduce each steady window of `views`, (5, windows, rows), to a column of seven numbers.
+
+        These are the means of torque, v, omega and load, the standard error of the torque, the deceleration, and 1 if
+        omega changes, else 0.
+        """
         rolling = (views[1] > LOWEST_SPEED).all(axis=1) & (views[4] > 0.0).all(axis=1)
         time, v, omega, torque, load = views[:, rolling]
         slip = 1.0 - self._radius * omega / v
-        still = _stands(time, slip, np.full(len(time), _STEADY_SLIP))
-        still &= _stands(time, torque, _STEADY_MU * self._radius * load.mean(axis=1))
-        time, v, omega, torque, load = (x[still] for x in (time, v, omega, torque, load))
+        steady = _is_steady(time, slip, np.full(len(time), _STEADY_SLIP))
+        steady &= _is_steady(time, torque, _STEADY_MU * self._radius * load.mean(axis=1))
+        time, v, omega, torque, load = (x[steady] for x in (time, v, omega, torque, load))
         t = time - time.mean(axis=1, keepdims=True)
         noise = torque.std(axis=1) / math.sqrt(self._size)
         deceleration = -(np.sum(t * v, axis=1) / np.sum(t**2, axis=1))
@@ -134,16 +139,16 @@ class FreeRolling:
             self._stride *= 2
             self._windows = self._windows[:, ::2]
 
-    def found(self, *, speed_step: float = 0.0, omega_step: float = 0.0) -> Rolling | None:
-        """Return the result, or None if the wheel never rolled freely; the speeds' resolutions are m/s, rad/s."""
+    def result(self, *, speed_step: float = 0.0, omega_step: float = 0.0) -> Rolling | None:
+        """Return the result, or None if the wheel never rolls freely; resolutions of the speeds in m/s and rad/s."""
         windows = self._lowest()
         if windows is None:
             return None
         torque, v, omega, _, _, _, moves = windows
         zero, speed, turning, centre, _, slows, _ = np.median(windows, axis=1).tolist()
         by_brake = slows - self._vehicle.resistance.force(speed) / self._vehicle.effective_mass
-        slowed = by_brake > _SLOWED * zero / (self._radius * self._vehicle.effective_mass)
-        if zero >= _BRAKES * self._radius * centre and slowed:
+        slowed = by_brake > _BRAKED_SHARE * zero / (self._radius * self._vehicle.effective_mass)
+        if zero >= _LEAST_BRAKE * self._radius * centre and slowed:
             return None
         slip = 1.0 - self._radius * omega / v
         # rounding averages out over a window if the encoder's reading changes; a constant reading keeps its error
@@ -162,7 +167,7 @@ class FreeRolling:
         )
 
     def _lowest(self) -> Floats | None:
-        """Windows at the lowest torque that enough windows share."""
+        """Windows at the lowest torque that has enough windows."""
         windows = self._windows[:, np.argsort(self._windows[0])]
         torque, _, _, load, noise, _, _ = windows
         least = max(_LEAST_WINDOWS, math.ceil(_LEAST_SHARE * len(torque)))
@@ -174,17 +179,17 @@ class FreeRolling:
         return windows[:, enough[0] : ends[enough[0]]] if len(enough) else None
 
 
-def _stands(time: Floats, values: Floats, least: Floats) -> Flags:
-    """Mask of the windows whose slope and curvature are below the noise, or below a minimum change."""
+def _is_steady(time: Floats, values: Floats, least: Floats) -> Flags:
+    """Mask of the windows whose slope and curvature are below the noise, or below the accepted change `least`."""
     x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
     bend = x**2 - np.mean(x**2, axis=1, keepdims=True)
     noise = np.mean(np.diff(values, axis=1) ** 2, axis=1) / 2.0
-    stands = np.ones(len(time), dtype=bool)
+    steady = np.ones(len(time), dtype=bool)
     for shape in (x, bend):
         squares = np.sum(shape**2, axis=1)
         change = 2.0 * np.abs(np.sum(shape * values, axis=1)) / squares
-        stands &= change <= np.maximum(least, 2.0 * _STEADY * np.sqrt(noise / squares))
-    return stands
+        steady &= change <= np.maximum(least, 2.0 * _STEADY * np.sqrt(noise / squares))
+    return steady
 
 
 def _error_of_median(values: Floats) -> float:
@@ -195,18 +200,18 @@ def _error_of_median(values: Floats) -> float:
 
 # --- findings from free rolling ------------------------------------------------------------------------------------
 
-_FALSE_ALARM = 0.001  # false-alarm probability
-_LEAST_SLIP = 5e-4  # 0.2 mm of a radius; smaller slips may be errors of the log's speeds
+_FALSE_ALARM = 0.001  # false-alarm probability of a finding
+_LEAST_SLIP = 5e-4  # slip ratio, as of 0.2 mm of the radius; a smaller slip may be an error of the log's speeds
 _LEAST_OF_PEAK = 0.003  # of the slip at the peak; a smaller slip shifts a fit by less than its errors
-_LEAST_MU = 0.001  # torque offset by wheel load and radius; a smaller one is within the errors of a good fit
-_OTHER_UNIT = 0.15  # slip ratio; more cannot be wear of the wheel, so a unit is wrong
+_LEAST_MU = 0.001  # torque offset by wheel load and radius; a smaller offset is within the errors of a good fit
+_OTHER_UNIT = 0.15  # slip ratio; wear of the wheel causes less, so a larger slip is due to a wrong unit
 MOST_FREE_SLIP = 0.5  #: slip ratio in free rolling beyond which a log is refused; no error of a radius is so large
 
 _UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
-_ALIKE = 0.05  # relative difference of two ratios; wider than an error of the radius
-_MOST_CREEP = 0.002  # slip ratio; limits the creep in free rolling, as a wrong radius distorts the slope it comes from
+_EQUAL = 0.05  # relative difference below which two ratios count as equal; larger than usual errors of the radius
+_MOST_CREEP = 0.002  # limit of the creep, slip ratio: a wrong radius distorts the slope from which it is computed
 _UNTRUSTED = 0.005  # slip ratio in free rolling beyond which other checks of the log are unreliable
-_EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this remains without it
+_EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this share remains without it
 
 
 @dataclass(frozen=True)
@@ -224,7 +229,7 @@ class Known:
     zeros: Mapping[str, float]
 
     def creep(self, rolling: Rolling) -> float:
-        """Slip ratio of an unbraked wheel: the rail's force against its friction and inertia."""
+        """Slip ratio of an unbraked wheel, at which the adhesion force balances its friction and inertia."""
         if not self.slope > 0.0:
             return 0.0
         vehicle, radius = self.vehicle, self.vehicle.wheel.radius
@@ -235,22 +240,22 @@ class Known:
     def tolerance(self, rolling: Rolling) -> float:
         """Largest plausible deviation of the slip ratio from `creep`."""
         least = max(_LEAST_SLIP, _LEAST_OF_PEAK * self.peak_slip)
-        return max(rolling.sure * rolling.slip_error + abs(self.creep(rolling)), least)
+        return max(rolling.critical_value * rolling.slip_error + abs(self.creep(rolling)), least)
 
 
 def is_wrong_wheel(rolling: Rolling | None) -> bool:
     """True if the slip in free rolling is so large that other checks of the log are unreliable."""
-    return rolling is not None and abs(rolling.slip) > max(_UNTRUSTED, rolling.sure * rolling.slip_error)
+    return rolling is not None and abs(rolling.slip) > max(_UNTRUSTED, rolling.critical_value * rolling.slip_error)
 
 
 def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]:
-    """Findings from free rolling: slip and torque that should be zero."""
+    """Findings if slip or torque are not zero in free rolling."""
     if rolling is None:
         return
     if abs(rolling.slip - known.creep(rolling)) > known.tolerance(rolling):
         yield Finding("free rolling", _wrong_wheel(rolling, known))
     load = known.vehicle.wheel.radius * rolling.load
-    if abs(rolling.torque) >= max(_LEAST_MU * load, rolling.sure * rolling.torque_error):
+    if abs(rolling.torque) >= max(_LEAST_MU * load, rolling.critical_value * rolling.torque_error):
         given = known.zeros.get("brake_torque", 0.0)
         beside = f" {message('offset given', zero=given)}" if given else ""
         nothing = abs(rolling.torque + given) < _LEAST_MU * load
@@ -265,15 +270,15 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
     if rolling.slip_error > 0.0:
         digits = min(digits, max(-math.floor(math.log10(100.0 * rolling.slip_error)), 1))
     shown = f"free rolling shows a slip of {100.0 * slip:.{max(digits, 1)}f} %"
-    # speed ratio without each given zero
+    # slip without each of the given zeros
     rim, speed = radius * rolling.omega, rolling.speed
     on_rim = radius if known.wheel_column == "wheel_angular_speed" else 1.0
-    again = {
+    speed_ratios = {
         "train_speed": lambda zero: rim / (speed + zero),
         known.wheel_column: lambda zero: (rim + zero * on_rim) / speed,
     }
     for name, zero in known.zeros.items():
-        without = 1.0 - again[name](zero) if name in again else math.inf
+        without = 1.0 - speed_ratios[name](zero) if name in speed_ratios else math.inf
         if abs(without) < max(known.tolerance(rolling), _EXPLAINED * abs(slip)):
             return shown + message("zero makes slip", name=name, zero=zero, percent=100.0 * without)
     likely = message("other radius", likely=radius / (1.0 - slip + known.creep(rolling)), radius=radius)
@@ -286,8 +291,8 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
 
 
 def _is_ratio(ratio: float, factor: float) -> bool:
-    """True if a ratio is near a factor, or near its inverse."""
-    return min(abs(ratio * factor - 1.0), abs(ratio / factor - 1.0)) < _ALIKE
+    """True if a ratio is close to a factor or to its inverse."""
+    return min(abs(ratio * factor - 1.0), abs(ratio / factor - 1.0)) < _EQUAL
 
 
 def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
@@ -301,7 +306,7 @@ def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
 
 HIGHEST_MU, LOWEST_MU = 0.7, 0.01  #: plausible range of steel on steel: about 0.6 with sand, 0.02 with leaves
 
-ORDINARY = {"least": LOWEST_MU, "most": HIGHEST_MU}  #: that range, as arguments of messages
+MU_RANGE = {"least": LOWEST_MU, "most": HIGHEST_MU}  #: this range, as arguments of messages
 
 _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {"brake_torque": {"N*m": 1.0, "kN*m": 1e3}, "wheel_load": {"N": 1.0, "kN": 1e3}}
@@ -309,23 +314,23 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 
 def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
-    """Suggest a unit that would make an adhesion coefficient plausible; empty if there is none.
+    """Suggest a unit that would make an adhesion coefficient plausible; empty if no unit does.
 
-    `factors` are the SI values of the units read, by quantity, of the columns of the log.
+    `factors` are the SI values of the units in which the columns are read, by quantity.
     """
-    found, other = [], math.nan
+    hints, other = [], math.nan
     for quantity, units in _UNITS.items():
         for unit, factor in units.items():
             ratio = factor / factors.get(quantity, factor)
             made = mu * ratio if quantity == "brake_torque" else mu / ratio
             if ratio != 1.0 and LOWEST_MU <= made <= HIGHEST_MU:
-                found.append(f"{quantity} seems to be in {unit} (`units` {quantity}={unit})")
+                hints.append(f"{quantity} seems to be in {unit} (`units` {quantity}={unit})")
                 other = made
-    return f"{', or '.join(found)}, which would make it {other:.2g}" if found else ""
+    return f"{', or '.join(hints)}, which would make it {other:.2g}" if hints else ""
 
 
 def units_or(mu: float, factors: Mapping[str, float]) -> str:
-    """Return `unit_hint`, or a general advice if that is empty."""
+    """Return `unit_hint`, or general advice if the hint is empty."""
     return unit_hint(mu, factors) or message("check the units")
 
 
@@ -333,20 +338,20 @@ def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Findi
     """Finding if the highest mean mu of a bin is implausible for steel on steel; `factors` as of `unit_hint`."""
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
-        yield Finding("adhesion", message("highest mean mu", mu=highest, **ORDINARY, cause=units_or(highest, factors)))
+        yield Finding("adhesion", message("highest mean mu", mu=highest, **MU_RANGE, cause=units_or(highest, factors)))
 
 
 # --- the train's deceleration, and the unit of the time ------------------------------------------------------------
 
 _OTHER_DECELERATION = 1.15  # plausible ratio; errors of mass, load and forces outside the model are smaller
-_SLOWED_DOWN = 0.02  # least share of its speed that the train must lose; a rig at constant speed shows nothing
-_OTHER_CLOCK = 200.0  # ratio of decelerations that indicates a wrong time unit; s for ms gives at least 1000
-_CLOCKS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}  # s
-_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius; outside, the torque's unit is wrong instead
+_SLOWED_DOWN = 0.02  # least share of its speed that the train must lose; a rig at constant speed cannot be checked
+_OTHER_TIME_UNIT = 200.0  # ratio of decelerations that indicates a wrong time unit; s for ms gives at least 1000
+_TIME_UNITS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}  # s
+_PULL_RANGE = (0.02, 1.0)  # highest brake torque by wheel load and radius; outside it the torque's unit is wrong
 
 
-def _lost(record: BrakedRows) -> float:
-    """Speed that the train loses in the runs, m/s; NaN if it is too small to use."""
+def _speed_lost(record: BrakedRows) -> float:
+    """Total speed that the train loses in the runs, m/s; NaN if it is too small to use."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
     return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
@@ -355,8 +360,8 @@ def _lost(record: BrakedRows) -> float:
 def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     """Measured deceleration of the train over that expected from the wheel's adhesion and the resistance.
 
-    By momentum over each run, of the wheel (3) and of the train (4) [Park2008]. NaN if the train hardly slows down, or
-    the expected deceleration is not positive.
+    It comes from the momentum of the wheel, (3), and of the train, (4) in [Park2008], over each run. NaN if the train
+    hardly slows down, or if the expected deceleration is not positive.
     """
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]
@@ -364,45 +369,45 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     turned = -float(np.diff(record.omega)[inside].sum())
     adhesion = float(step @ (torque + vehicle.effective_viscous_friction * omega)) - vehicle.effective_inertia * turned
     resistance = float(step @ vehicle.resistance.force(v))
-    asked = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
-    return _lost(record) / asked if asked > 0.0 else math.nan
+    expected = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
+    return _speed_lost(record) / expected if expected > 0.0 else math.nan
 
 
 def deceleration_differs(ratio: float) -> bool:
-    """True if a ratio of decelerations differs significantly from 1; False if it is NaN."""
+    """True if a ratio of decelerations is not plausible; False if it is NaN."""
     return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
 
 
-def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, read: float) -> str | None:
-    """Message if the deceleration indicates that the time has another unit than `read`, s; else None.
+def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, unit: float) -> str | None:
+    """Message if the deceleration indicates that the time is not in the `unit`, s, in which it is read; else None.
 
-    Compares the speed lost in the runs under brake with that expected from brake torque and mass, per wheel.
-    `highest_pull` as of `Survey`.
+    Compares the speed lost in the runs under brake with the speed loss expected from brake torque and mass, per wheel.
+    `highest_pull` as in `Survey`.
     """
-    if not len(record) or not _PULLS[0] < highest_pull < _PULLS[1]:
+    if not len(record) or not _PULL_RANGE[0] < highest_pull < _PULL_RANGE[1]:
         return None
-    asked = float((np.diff(record.time) * record.torque[1:])[np.diff(record.run) == 0].sum())
-    ratio = _lost(record) * vehicle.wheel.radius * vehicle.effective_mass / asked if asked > 0.0 else math.nan
-    if math.isnan(ratio) or 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
+    impulse = float((np.diff(record.time) * record.torque[1:])[np.diff(record.run) == 0].sum())
+    ratio = _speed_lost(record) * vehicle.wheel.radius * vehicle.effective_mass / impulse if impulse > 0.0 else math.nan
+    if math.isnan(ratio) or 1.0 / _OTHER_TIME_UNIT < ratio < _OTHER_TIME_UNIT:
         return None
-    likely = min(_CLOCKS, key=lambda unit: abs(math.log(_CLOCKS[unit] / (read * ratio))))
-    now = next((unit for unit, clock in _CLOCKS.items() if math.isclose(clock, read)), f"units of {read:.3g} s")
+    likely = min(_TIME_UNITS, key=lambda name: abs(math.log(_TIME_UNITS[name] / (unit * ratio))))
+    read = next((name for name, clock in _TIME_UNITS.items() if math.isclose(clock, unit)), f"units of {unit:.3g} s")
     less, times = ("less", 1.0 / ratio) if ratio < 1.0 else ("more", ratio)
-    return message("other clock", ratio=times, less=less, likely=likely, read=now)
+    return message("other clock", ratio=times, less=less, likely=likely, read=read)
 
 
 # --- loads, two wheel speeds, steps --------------------------------------------------------------------------------
 
 _OTHER_LOAD = 1.5  # plausible ratio of the log's wheel load to the vehicle's; empty and full trains differ by less
-_OTHER_SPEED = 0.02  # plausible relative difference of a wheel's two speeds; more than wear of the wheel
-_COARSE = 0.005  # share of slip, or of mu: the lowest slip used (`SLIP_RANGE`)
+_OTHER_SPEED = 0.02  # plausible relative difference of a wheel's two speeds; wear of the wheel causes less
+_COARSE = 0.005  # in slip ratio or mu, as the lowest slip used (`SLIP_RANGE`); a smaller step does not matter
 
 LOADS_DIFFER = 1.05
-"""Ratio beyond which mean wheel loads count as different; passengers change a train's load by less."""
+"""Ratio beyond which mean wheel loads count as different; the fitted forces then differ by 5 % too."""
 
 
 def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
-    """Findings if the wheel load differs between runs, or from that of the vehicle, N."""
+    """Findings if the wheel load differs between runs, or from the vehicle's wheel load `of_vehicle`, N."""
     if not len(record):
         return
     run = record.run.astype(np.int64)
@@ -417,13 +422,13 @@ def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
 
 
 class WheelSpeeds:
-    """Compares a wheel's two logged speeds: their ratio by a least-squares line through 0 over all rows."""
+    """Compares the two logged speeds of a wheel by the slope of a least-squares line through 0 over all rows."""
 
     def __init__(self) -> None:
         self._product = self._square = 0.0
 
     def add(self, rows: Rows) -> None:
-        """Add rows; without both speeds they are ignored."""
+        """Add rows; rows without both speeds are ignored."""
         rim, angular = rows.columns.get("wheel_speed"), rows.columns.get("wheel_angular_speed")
         if rim is not None and angular is not None:
             self._product += float(rim @ angular)
@@ -438,9 +443,9 @@ class WheelSpeeds:
 
 @dataclass(frozen=True)
 class ColumnStep:
-    """Resolution of a quantised column: its header `label`, the `step` in the file's unit, and the `share`.
+    """Resolution of a quantised column: its header `label`, and its `step` in the file's unit.
 
-    The share is the step expressed as slip at the initial speed, or as mu for a torque.
+    `share` is the same step as a slip ratio at the initial speed, or as mu if the column is a torque.
     """
 
     label: str
@@ -466,22 +471,22 @@ def column_steps(
     A quantity that is not in `columns` is in SI.
     """
     shares = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
-    found = []
+    steps = []
     for name, share in (*shares.items(), ("brake_torque", 1.0 / (radius * load))):
         if step := resolution[name]:
             column = columns.get(name)
             label, factor = (f"{name} [{UNITS[name]}]", 1.0) if column is None else (column.header, column.factor)
-            found.append(ColumnStep(label, step / factor, step * share, name == "brake_torque"))
-    return tuple(found)
+            steps.append(ColumnStep(label, step / factor, step * share, name == "brake_torque"))
+    return tuple(steps)
 
 
-# --- findings from observing the log -------------------------------------------------------------------------------
+# --- findings from the statistics of the log -----------------------------------------------------------------------
 
-_LEAST_LOST = 0.01  # share of the braking rows lost to settling from which a finding is made
+_LEAST_LOST = 0.01  # a smaller share of the braking rows lost to settling is not reported
 
 
 def survey_findings(survey: Survey) -> Iterator[Finding]:
-    """Findings on impossible rows, gaps, unused braking rows, and runs from several speeds."""
+    """Findings on impossible rows, gaps, unused braking rows, and different initial speeds."""
     if survey.implausible:
         yield Finding("rows", message("impossible rows", survey=survey))
     if survey.bridged:

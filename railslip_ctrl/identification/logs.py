@@ -1,16 +1,16 @@
 """Read a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
 
 A header cell is a name of `NAMES`, with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "time_ms". Case,
-spaces, underscores and hyphens are ignored. Of several brackets the last one with a unit of the quantity is used; if
-none has one, the cell is refused. A cell without a unit is in SI. The unit decides whether `n` is the angular speed or
-the wheel load; without a unit it is the load. A wheel speed in rad/s, rpm or the like is an angular speed. Time, train
-speed, brake torque and one of the two wheel speeds are required; other columns are ignored.
+spaces, underscores and hyphens are ignored. If a cell has several brackets, the last one with a unit of the quantity is
+used; if none has a unit, the cell is refused. A column without a unit is in SI. The unit decides whether `n` is the
+angular speed or the wheel load; without a unit it is the load. A wheel speed in rad/s, rpm or the like is an angular
+speed. Time, train speed, brake torque and one of the two wheel speeds are required; other columns are ignored.
 
 The header is the first line that names the required columns. If the log begins with numbers, the header is the last
-comment line (#) above them that names the columns, as NumPy writes it. A line of units may follow.
+comment line (#) above them that names the columns, as NumPy writes it. A line of units may follow the header.
 
-Every row keeps its line number. Lines that cannot be read (cut, or with text instead of numbers) are left out and
-reported. A last line without a line end counts as cut unless it has all its cells. An empty optional column is ignored.
+Every row keeps its line number. Lines that cannot be read (cut off, or with text instead of numbers) are left out and
+reported. A last line without a line end counts as cut off unless it has all cells. An empty optional column is ignored.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ Lines = Integers
 BLOCK_BYTES = 4 << 20  #: bytes read at a time; a block and its numbers take about 30 MB of memory
 
 LONGEST_LINE = 1 << 20
-"""Longest line, bytes; a longer one is left out, so that a file without line ends needs no more memory."""
+"""Longest line, bytes; a longer line is left out, to bound the memory for a file without line ends."""
 
 STANDARD_INPUT = "-"  #: path that means standard input
 
@@ -57,18 +57,18 @@ UNITS = MappingProxyType({quantity: known["unit"] for quantity, known in _QUANTI
 """The quantities of a log and their SI units."""
 
 NAMES = MappingProxyType({quantity: tuple(known["names"]) for quantity, known in _QUANTITIES.items()})
-"""Accepted names by quantity; this package writes the first."""
+"""Accepted names by quantity; files written by this package use the first name."""
 
 _WHEEL = ("wheel_angular_speed", "wheel_speed")
 
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)[\])}>]")
-_PLACE = re.compile(r"[1-9]\d*")
+_POSITION = re.compile(r"[1-9]\d*")
 _SUFFIXES = frozenset(name.lower() for name in TRADE_UNITS)  # units accepted without brackets; not all Pint units
 
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a quantity in a log: its index from 0, its header, and the SI value of its unit (`factor`)."""
+    """Column of a quantity in a log: its index from 0, its header cell, and the SI value of its unit (`factor`)."""
 
     quantity: str
     factor: float
@@ -83,7 +83,7 @@ def find_columns(
     """Find the columns of a header; returned by quantity, in the order of `UNITS`.
 
     `columns` gives a quantity's header cell if it is not in `NAMES`, or its position from 1. `units` overrides the
-    header's units; without either, a column is in SI. InputError for an unknown quantity, an unknown or ambiguous
+    units of the header; a column without any unit is in SI. InputError for an unknown quantity, an unknown or ambiguous
     header, a missing column, or a unit of another dimension.
     """
     columns, units = columns or {}, units or {}
@@ -91,24 +91,25 @@ def find_columns(
         for quantity in given:
             if quantity not in UNITS:
                 raise InputError(f"{option}: {quantity!r} is not a quantity of a log; choose one of {', '.join(UNITS)}")
-    found: dict[str, Column] = {}
+    by_quantity: dict[str, Column] = {}
     for quantity in UNITS:
-        index = _named(header, quantity, columns[quantity]) if quantity in columns else _recognised(header, quantity)
+        cell = columns.get(quantity)
+        index = _known_index(header, quantity) if cell is None else _given_index(header, quantity, cell)
         if index is not None:
             column = _column(quantity, index, header[index], units.get(quantity))
-            other = found.get(column.quantity)
+            other = by_quantity.get(column.quantity)
             if other is not None and quantity not in columns:
-                raise _several(column.quantity, header, sorted((other.index, index)))
-            found[column.quantity] = column
-    missing = [q for q in ("time", "train_speed", "brake_torque") if q not in found]
-    if missing or not {*_WHEEL} & found.keys():
+                raise _ambiguous(column.quantity, header, sorted((other.index, index)))
+            by_quantity[column.quantity] = column
+    missing = [q for q in ("time", "train_speed", "brake_torque") if q not in by_quantity]
+    if missing or not {*_WHEEL} & by_quantity.keys():
         quantity = [*missing, "wheel_speed"][0]
-        called = " or ".join(repr(name) for name in NAMES[quantity][:2])
+        names = " or ".join(repr(name) for name in NAMES[quantity][:2])
         raise InputError(
-            f"header: no column for {quantity}; call one {called}, or give `columns` {quantity}=HEADER "
+            f"header: no column for {quantity}; name its column {names}, or give `columns` {quantity}=HEADER "
             f"(the header has {_cells(header)})"
         )
-    return found
+    return by_quantity
 
 
 @cache
@@ -119,31 +120,31 @@ def is_unit(text: str, quantity: str) -> bool:
     return False
 
 
-def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
+def _given_index(header: Sequence[str], quantity: str, wanted: str) -> int:
     at = [i for i, cell in enumerate(header) if " ".join(wanted.split()) in _names(cell, quantity)]
-    if not at and _PLACE.fullmatch(wanted.strip()) and int(wanted) <= len(header):
+    if not at and _POSITION.fullmatch(wanted.strip()) and int(wanted) <= len(header):
         return int(wanted) - 1
     if len(at) != 1:
         count = f"`columns` {quantity}: {len(at) or 'no'} {'columns are' if at else 'column is'} called {shown(wanted)}"
-        raise InputError(f"{count}; {close_match(wanted, header)}the header has {_cells(header)}{_by_place(at)}")
+        raise InputError(f"{count}; {close_match(wanted, header)}the header has {_cells(header)}{_by_position(at)}")
     return at[0]
 
 
-def _recognised(header: Sequence[str], quantity: str) -> int | None:
+def _known_index(header: Sequence[str], quantity: str) -> int | None:
     known = {_plain(name) for name in NAMES[quantity]}
     at = [i for i, cell in enumerate(header) if known & {_plain(name) for name in _names(cell, quantity)}]
     if len(at) > 1:
-        raise _several(quantity, header, at)
+        raise _ambiguous(quantity, header, at)
     return at[0] if at else None
 
 
-def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    which = f"choose with `columns` {quantity}=HEADER{_by_place(at)}"
-    return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {which}")
+def _ambiguous(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
+    remedy = f"choose with `columns` {quantity}=HEADER{_by_position(at)}"
+    return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {remedy}")
 
 
-def _by_place(at: Sequence[int]) -> str:
-    return f", or by its place: {' or '.join(str(i + 1) for i in at)}" if len(at) > 1 else ""
+def _by_position(at: Sequence[int]) -> str:
+    return f", or by its position: {' or '.join(str(i + 1) for i in at)}" if len(at) > 1 else ""
 
 
 def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
@@ -180,7 +181,7 @@ def _split(cell: str) -> tuple[str, list[str]]:
 
 
 def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
-    """Yield splits of a header cell without brackets into name and unit: v_kmh, v_m_s, "Tb kN m", v_ms (m/s)."""
+    """Yield splits of a header cell without brackets into name and unit: v_kmh, v_m_s, "Tb kN m", v_ms (for m/s)."""
     pieces = re.split(r"[\s_,:]+", cell.strip())
     for count, sign in ((1, ""), (2, "/"), (2, " ")):
         name, text = " ".join(pieces[:-count]).rstrip(" /"), sign.join(pieces[-count:])
@@ -194,7 +195,7 @@ def _names(cell: str, quantity: str) -> set[str]:
     """Possible names of a header cell as a column of a quantity: with its unit, and without."""
     name, texts = _split(cell)
     if _plain(name) == "n" and not (any(is_unit(t, quantity) for t in texts) if texts else quantity == "wheel_load"):
-        return set()  # n may be the angular speed or the load: n [1/min] is not the load
+        return set()  # n may be the angular speed or the load; for example n [1/min] is not the load
     named = {name} if texts else {before for before, text in _suffixes(cell) if is_unit(text, quantity)}
     return {" ".join(cell.split()), name, *named}
 
@@ -224,7 +225,7 @@ _ALL_NAMES = frozenset(_plain(name) for names in NAMES.values() for name in name
 
 @dataclass(frozen=True)
 class Header:
-    """Format of the rows, as the header gives it; `next_line` is the first line after the header and its units."""
+    """Format of the rows, from the header; `next_line` is the number of the first line after header and units."""
 
     cells: tuple[str, ...]
     columns: dict[str, Column]
@@ -236,7 +237,7 @@ class Header:
 def read_header(
     file: LogFile, columns: Mapping[str, str] | None, units: Mapping[str, str] | None, skip_lines: int
 ) -> Header:
-    """Read the header of a log; afterwards the file continues behind it. Arguments as of `Log`."""
+    """Read the header of a log; the file then continues with the rows. Arguments as in `Log`."""
     lines = file.first_lines()
     if b"\0" in lines[0]:
         raise InputError(f"{file.name}: not a text file in UTF-8 or Latin-1; save it as CSV in UTF-8")
@@ -250,24 +251,24 @@ def read_header(
     for at in (*plain, *comments):
         for cells, separator, end in _records(lines, at, plain[0]):
             try:
-                found, end = _with_units_below(cells, lines, end, plain[0], find)
+                by_quantity, end = _with_units_below(cells, lines, end, plain[0], find)
             except InputError as error:
                 known = len({_plain(_split(cell)[0]) for cell in cells} & _ALL_NAMES)
                 if known or (at in plain and not _has_numbers(cells)):
                     best = max(best, (known, len(cells), str(error)), key=lambda each: each[:2])
                 continue
-            if _has_numbers([cells[column.index] for column in found.values()]):  # a row; columns given by position
+            if _has_numbers([cells[column.index] for column in by_quantity.values()]):  # a row; positions are given
                 continue
             end = max(end, plain[0] * (at in comments))
             file.ahead = io.BytesIO(b"\n".join(lines[end:]))
             above = any(i < at and not lines[i].strip(_BLANK).lower().startswith(b"sep=") for i in plain)
             notes = (f"the header is in line {at + 1}; the lines above it are skipped",) if above else ()
-            return Header(tuple(cells), found, separator, end + 1, notes)
+            return Header(tuple(cells), by_quantity, separator, end + 1, notes)
     raise InputError(f"{file.name}: {best[2]}")
 
 
 def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] | None:
-    """Split a record into cells; (cells, number of lines it takes), or None if the quotation marks are invalid."""
+    """Split a record; return (cells, number of its lines), or None if the quotation marks are invalid."""
     if separator == BLANKS:
         return _WORDS.split(next(iter(lines)).strip()), 1
     reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, strict=True)
@@ -278,7 +279,7 @@ def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] |
 
 
 def number_in(cell: str, decimal: str) -> float | None:
-    """Return a cell as a number with a decimal mark, or None. Blanks and apostrophes may separate thousands."""
+    """Convert a cell to a number; None if it is not a number. Blanks and apostrophes may separate thousands."""
     if "_" in cell or (decimal != "." and "." in cell):  # 1_0 is Python syntax; 1.024 with decimal comma is ambiguous
         return None
     with suppress(ValueError):
@@ -299,21 +300,21 @@ def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[
 def _with_units_below(
     cells: list[str], lines: Sequence[bytes], end: int, first_row: int, find: Callable[[list[str]], dict[str, Column]]
 ) -> tuple[dict[str, Column], int]:
-    """Columns of a header, with units from the line below if it has them, and the index of the line after that."""
-    found = find(cells)
+    """Columns of a header, with units from the line below if it has units, and the index of the next line."""
+    by_quantity = find(cells)
     at = next((i for i in range(end, len(lines)) if lines[i].strip(_BLANK)), end)
     for row, _, after in _records(lines, at, first_row) if at < len(lines) else ():
         below = [cell.strip(" []()") for cell in row]
         if len(below) != len(cells):
             continue
-        beside = [below[column.index] for column in found.values()]
+        beside = [below[column.index] for column in by_quantity.values()]
         if _has_numbers(beside) or all(text.lower() in _NOTHING for text in beside):
-            return found, end
-        wanted = not all(column.unit_given for column in found.values())
-        if wanted or any(map(is_unit, beside, found)):  # if a unit is missing above, an unknown one below is refused
+            return by_quantity, end
+        wanted = not all(column.unit_given for column in by_quantity.values())
+        if wanted or any(map(is_unit, beside, by_quantity)):  # below a missing unit, an unknown unit is refused
             pairs = zip(cells, below, strict=True)
             return find([name if unit.lower() in _NOTHING else f"{name} [{unit}]" for name, unit in pairs]), after
-    return found, end
+    return by_quantity, end
 
 
 def _separator_of(row: bytes, count: int) -> str | None:
@@ -357,7 +358,7 @@ class LogFile:
     """Reader of a log's bytes, once from the beginning; a gzipped file is unpacked.
 
     `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is missing, not regular, unreadable or not
-    a text file. `damage` describes why a gzipped file ended early. `read` returns the bytes of `ahead` first.
+    a text file. `damage` is the reason why a gzipped file ends early. `read` first returns the bytes of `ahead`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -374,18 +375,18 @@ class LogFile:
         self._size = 0 if standard else os.fstat(self._raw.fileno()).st_size
         self._file: Any = self._raw
         try:
-            if self._tried(self._raw.peek, 8).startswith(_GZIP):
+            if self._guarded(self._raw.peek, 8).startswith(_GZIP):
                 self._file = gzip.GzipFile(fileobj=self._raw)
-            beginning = self._tried(self._file.peek, 8)
-            for magic, what in _OTHER_FORMATS.items():
+            beginning = self._guarded(self._file.peek, 8)
+            for magic, description in _OTHER_FORMATS.items():
                 if beginning.startswith(magic):
-                    raise InputError(f"{self.name}: is {what}; give a CSV file, gzipped or not")
+                    raise InputError(f"{self.name}: is {description}; give a CSV file, gzipped or not")
         except InputError:
             self._raw.close()
             raise
 
     def _regular(self, path: Path) -> io.FileIO:
-        """Open a regular file; others are refused, as reading a pipe may block."""
+        """Open a regular file; others are refused, because reading a pipe may block."""
         try:
             mode = path.stat().st_mode
             if stat.S_ISREG(mode):
@@ -398,17 +399,17 @@ class LogFile:
         raise InputError(f"{self.name}: {reason}; give a CSV file, or - for standard input")
 
     def read(self, count: int) -> bytes:
-        """Read `count` bytes; fewer only at the end of the file."""
+        """Read `count` bytes, or fewer at the end of the file."""
         parts = [self.ahead.read(count)]
         missing = count - len(parts[0])
-        while missing > 0 and (part := self._tried(self._file.read1, missing)):
+        while missing > 0 and (part := self._guarded(self._file.read1, missing)):
             parts.append(part)
             missing -= len(part)
         self._position = self._raw.tell() if self._size else 0
         return b"".join(parts).replace(b"\r", b"\n") if self._returns else b"".join(parts)
 
     def first_lines(self) -> list[bytes]:
-        """Lines of the first megabyte; the last one may be cut."""
+        """Lines of the first megabyte; the last line may be cut off."""
         head = self.read(LONGEST_LINE)
         self._returns = b"\n" not in head
         return head.split(b"\r" if self._returns else b"\n")
@@ -423,7 +424,7 @@ class LogFile:
         self._file.close()
         self._raw.close()
 
-    def _tried(self, method: Callable[[int], bytes], count: int) -> bytes:
+    def _guarded(self, method: Callable[[int], bytes], count: int) -> bytes:
         try:
             return b"" if self.damage else method(count)
         except EOFError:
@@ -440,26 +441,26 @@ class LogFile:
 
 # --- the rows ------------------------------------------------------------------------------------------------------
 
-# Largest time, s, some 3000 years: seconds since 1970 are below it, milliseconds above. Beyond it the resolution of a
-# double is too coarse to separate neighbouring rows.
+# Largest time, s, some 3000 years. Seconds since 1970 are below it, milliseconds above it. For larger numbers the
+# resolution of a double is too coarse to separate neighbouring rows.
 _LATEST = 1e11
 
 _MOST_NAMED = 5  # unreadable lines that have a message of their own
 _FIRST_ROWS = 1000  # rows that are buffered to detect empty columns, decimal mark and cell count
 _DATE = re.compile(r"\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d{2}")
-_PIECE = 1000  # lines that are parsed one by one if one of them cannot be read
-_DISPENSABLE = {
+_PIECE = 1000  # lines that are parsed one by one if a line among them cannot be read
+_OPTIONAL = {
     "wheel_load": "the vehicle's wheel load is used",
     "wheel_speed": "the wheel's angular speed is used",
     "wheel_angular_speed": "the wheel speed is used",
 }
-_STRANGE = re.compile(rb"[\0-\x08\x0b-\x1f]")
+_CONTROL = re.compile(rb"[\0-\x08\x0b-\x1f]")
 _QUOTED = re.compile(rb'"[^"]*"')
 _BLANKS = re.compile(rb"[ \t]+")
-_ORDINARY = bytes(code for code in range(256) if code in b"\t\n" or (code >= 32 and code not in b'"#'))
+_REGULAR = bytes(code for code in range(256) if code in b"\t\n" or (code >= 32 and code not in b'"#'))
 _MARK = re.compile(r"[+-]?(?:[\d.]*(?P<comma>,)|[\d,]*(?P<point>\.))\d+(?:[eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,]\d{3})+(?:[.,]\d+)?")  # a number with thousands separators
-_FASTEST, _SHARE_FAST = 60.0, 0.1  # m/s (216 km/h), share of rows; faster without a unit is probably in km/h
+_FASTEST, _SHARE_FAST = 60.0, 0.1  # m/s, share of rows; if more rows are faster and no unit is given, it may be km/h
 _UNREAD = 0.01  # share of unreadable lines that does not affect the curve
 _OUTER_TABS = re.compile(rb"^\t|\t$", re.MULTILINE)
 
@@ -489,7 +490,7 @@ class Rows:
 
 @dataclass
 class Broken:
-    """Count of unreadable lines, with the reason for the first ones, and the number of the last."""
+    """Unreadable lines: their count, the number of the last line, and the first lines with the reasons."""
 
     count: int = 0
     last: int = 0
@@ -503,7 +504,7 @@ class Broken:
 
     @property
     def first(self) -> tuple[str, ...]:
-        """Messages for the first lines, in order of the lines."""
+        """Messages about the first lines, in the order of the file."""
         return tuple(f"line {line}: {reason}" for line, reason in sorted(self.named))
 
 
@@ -511,8 +512,8 @@ class Log:
     """Reader of a log, once from the beginning.
 
     - path: a CSV file in UTF-8 or Latin-1, gzipped or not, or `-` for standard input. Cells are separated by commas,
-      semicolons, tabs, bars or blanks. The decimal mark is the more frequent one in the columns read.
-    - columns, units: as of `find_columns`.
+      semicolons, tabs, bars or blanks. The decimal mark is the more frequent mark in the columns read.
+    - columns, units: as in `find_columns`.
     - skip_lines: number of lines to skip before the header.
     - block_bytes: bytes read at a time.
 
@@ -542,7 +543,7 @@ class Log:
         self.columns = dict(self._header.columns)
         self._notes = [*self._header.notes]
         self._kept = self._grouped = 0
-        self._decimal = ""  # decimal mark, known from the first cell that has one
+        self._decimal = ""  # decimal mark, known from the first cell that has a mark
         self._separator = "\t" if self._header.separator == BLANKS else self._header.separator
         self._count = 0  # cells of a row, known from the first block
 
@@ -561,13 +562,13 @@ class Log:
         assumed = [c for c in self.columns.values() if not c.unit_given]
         notes = [f"column {c.header!r} has no unit: {c.quantity} is read in {UNITS[c.quantity]}" for c in assumed]
         if {*_WHEEL} <= self.columns.keys():
-            notes.append("the log has both speeds of the wheel: the angular one is used")
+            notes.append("the log has both speeds of the wheel: the angular speed is used")
         return (*notes, *self._notes)
 
     def rows(self) -> Iterator[Rows]:
         """Yield the rows, block by block; `broken` and `share` are up to date after each."""
         try:
-            for first, block in self._begun(self._blocks()):
+            for first, block in self._after_first_rows(self._blocks()):
                 rows = self._parsed(first, block)
                 self._kept += len(rows)
                 yield rows
@@ -580,7 +581,7 @@ class Log:
             raise InputError(f"{self.name}: {self._grouped} lines have thousands separators; remove them")
 
     def refused(self, error: InputError) -> InputError:
-        """Extend the error of a log by its unreadable lines if they may be the cause, and by the notes."""
+        """Extend an error about a log by its unreadable lines if they may be the cause, and by the notes."""
         count, lines, text = self.broken.count, self.broken.count + self._kept, str(error)
         if self._kept and count > _UNREAD * lines:
             unread = f"{self.name}: {count} of {lines} lines could not be read, first {self.broken.first[0]}"
@@ -600,7 +601,7 @@ class Log:
             if len(rest) > LONGEST_LINE:
                 self.broken.add(line, f"more than {LONGEST_LINE} bytes without a line end, counted as one line")
                 line, rest = line + 1, self._after_the_line()
-        block, end, rest = rest.rpartition(b"\n")  # the rest may hold lines after a long one
+        block, end, rest = rest.rpartition(b"\n")  # after a long line the rest may hold whole lines
         if end:
             yield line, self._plain(block + end)
             line += block.count(b"\n") + 1
@@ -617,7 +618,7 @@ class Log:
                 yield line, last
 
     def _after_the_line(self) -> bytes:
-        """Skip the rest of the current line; returns the bytes read beyond it, empty at the end of the file."""
+        """Skip the rest of the current line; return the bytes read beyond it, empty at the end of the file."""
         while read := self._file.read(self._block_bytes):
             if cut := read.find(b"\n") + 1:
                 return read[cut:]
@@ -628,8 +629,8 @@ class Log:
         block = block.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n")  # \r\r\n: line ends converted twice
         return _OUTER_TABS.sub(b"", _BLANKS.sub(b"\t", block)) if self._header.separator == BLANKS else block
 
-    def _begun(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
-        """Yield the blocks after the first rows have shown decimal mark and empty columns."""
+    def _after_first_rows(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+        """Yield the blocks, after detecting decimal mark and empty columns in the first rows."""
         buffered: list[tuple[int, bytes]] = []
         ends = size = 0
         while ends < _FIRST_ROWS and size < BLOCK_BYTES and (more := next(blocks, None)):
@@ -643,9 +644,9 @@ class Log:
 
     def _leave_out_empty(self, lines: Sequence[bytes]) -> None:
         """Drop optional columns that are empty in the first rows."""
-        found = (self._cells(line) for line in lines if line.strip() and not line.startswith(COMMENT))
-        rows = [cells for cells in found if cells and len(cells) >= len(self._header.cells)]
-        for name, instead in _DISPENSABLE.items():
+        split = (self._cells(line) for line in lines if line.strip() and not line.startswith(COMMENT))
+        rows = [cells for cells in split if cells and len(cells) >= len(self._header.cells)]
+        for name, instead in _OPTIONAL.items():
             column = self.columns.get(name)
             needed = name in _WHEEL and len({*_WHEEL} & self.columns.keys()) < len(_WHEEL)
             if column is None or needed or not rows:
@@ -684,7 +685,7 @@ class Log:
     def _usual_count(self, block: bytes) -> int:
         """Usual number of cells of a row in the first block; 0 if it has no rows.
 
-        It is the header's, plus one if rows end in a separator, minus empty cells at the end of the header.
+        It is that of the header, plus one if rows end in a separator, minus empty cells at the end of the header.
         """
         lines = block.split(b"\n", _FIRST_ROWS)[:-1]
         most, separator = len(self._header.cells), self._separator.encode()
@@ -712,8 +713,8 @@ class Log:
         lines = text.split(b"\n")[:-1]
         if len(lines) > _PIECE:
             parts = [slice(i, i + _PIECE) for i in range(0, len(lines), _PIECE)]
-            found = [self._numbers(number[at], b"\n".join([*lines[at], b""])) for at in parts]
-            return np.concatenate([each[0] for each in found]), np.concatenate([each[1] for each in found])
+            parsed = [self._numbers(number[at], b"\n".join([*lines[at], b""])) for at in parts]
+            return np.concatenate([each[0] for each in parsed]), np.concatenate([each[1] for each in parsed])
         rows = [self._row(line, self._decimal) for line in lines]
         for at, row in zip(number.tolist(), rows, strict=True):
             if isinstance(row, str):
@@ -723,7 +724,7 @@ class Log:
 
     def _is_regular(self, block: bytes) -> bool:
         """True if every line has the usual number of cells and no special characters, so that no line needs a check."""
-        if block.translate(None, _ORDINARY) or self._count > len(self._header.cells):
+        if block.translate(None, _REGULAR) or self._count > len(self._header.cells):
             return False
         codes = np.frombuffer(block, dtype=np.uint8)
         ends, separators = np.flatnonzero(codes == ord("\n")), np.flatnonzero(codes == ord(self._separator))
@@ -733,14 +734,14 @@ class Log:
         """Values of rows, (rows, columns), by pandas; ValueError if a cell is not a number or there are no rows."""
         import pandas as pd
 
-        places = [column.index for column in self.columns.values()]
+        indices = [column.index for column in self.columns.values()]
         frame = pd.read_csv(
             io.BytesIO(text),
             sep=self._separator,
             decimal=self._decimal or ".",
             header=None,
             names=list(range(self._count)),
-            usecols=places,
+            usecols=indices,
             dtype=np.float64,
             index_col=False,
             skip_blank_lines=False,
@@ -748,24 +749,24 @@ class Log:
         )
         if len(frame) != len(number):
             raise ValueError("rows")
-        return np.asarray(frame[places].to_numpy())
+        return np.asarray(frame[indices].to_numpy())
 
     def _mark(self, lines: Iterable[bytes]) -> str:
-        """Most frequent decimal mark in the columns read; empty if no cell has one."""
+        """Most frequent decimal mark in the columns read; empty if no cell has a decimal mark."""
         marks: Counter[str | None] = Counter()
         for cells in map(self._cells, lines):
             for column in self.columns.values() if cells else ():
-                if cells and column.index < len(cells) and (found := _MARK.fullmatch(cells[column.index].strip())):
-                    marks[found.lastgroup] += 1
+                if cells and column.index < len(cells) and (match := _MARK.fullmatch(cells[column.index].strip())):
+                    marks[match.lastgroup] += 1
         return "" if not marks else "," if marks["comma"] > marks["point"] else "."
 
     def _cells(self, line: bytes) -> list[str] | None:
-        found = split_cells([_decoded(line)], self._separator)
-        return found and found[0]
+        split = split_cells([_decoded(line)], self._separator)
+        return split and split[0]
 
     def _fault(self, line: bytes) -> str:
         """Describe the fault of a line; empty if it has the usual number of cells."""
-        if _STRANGE.search(line):
+        if _CONTROL.search(line):
             nulls = line.count(b"\0")  # a power cut during recording leaves null bytes
             if nulls < 2:
                 return "a control character or a carriage return within the line"
@@ -779,7 +780,7 @@ class Log:
         return "" if whole else f"{count} cells where the header has {own}"
 
     def _row(self, line: bytes, decimal: str) -> list[float] | str:
-        """Values of a line in the file's units, or a description of its fault."""
+        """Values of a line in the file's units, or a message about its fault."""
         cells, values = self._cells(line), []
         if cells is None or len(cells) != self._count:
             return "quotation marks within a cell"

@@ -1,13 +1,13 @@
 """The models that can be fitted: for each its law, free parameters, starting values and bounds.
 
-"bristle" is first fitted with the force built up along steady slip ramps like the log's ([Park2008] Fig. 17). The fit
-to the motion follows (`prediction`); only the motion determines alpha. "bristle_rest" and "lugre" are fitted with their
-steady state, over the sliding regime only. Parameters that a steady state does not determine keep a stated value.
+"bristle" is first fitted to the force that builds up along steady slip ramps like those of the log ([Park2008] Fig.
+17), then to the motion (`prediction`); only the motion determines alpha. "bristle_rest" and "lugre" are fitted with
+their steady state, over the sliding regime only. Parameters that a steady state does not determine keep a stated value.
 
-`Coordinates` make a model's force nearly linear. Most parameters are their own coordinate. The steady force of the
-bristles is (gamma - |sigma|)/beta. If a log hardly shows its fall, beta and gamma could grow together without bound.
-Their coordinates are therefore the level gamma/beta, which every log determines, and 1/gamma, which is 0 if the force
-does not fall. If gamma is given, the coordinate of beta is 1/beta.
+`Coordinates` are chosen such that a model's force is nearly linear in them. Most parameters are their own coordinate.
+The steady force of the bristles is (gamma - |sigma|)/beta. If a log hardly shows the fall of this force, beta and gamma
+could grow together without bound. Their coordinates are therefore the level gamma/beta, which every log determines, and
+1/gamma, which is 0 if the force does not fall. If gamma is given, the coordinate of beta is 1/beta.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from .messages import message
 # --- coordinates of the search ---------------------------------------------------------------------------------------
 
 
-FLAT = 1e-6  #: lower bound of 1/gamma, times the least gamma: a smaller relative fall of the force is not visible
+FLAT = 1e-6  #: lower bound of 1/gamma times the least gamma; a smaller relative fall of the force is not visible
 
 _TINY = 1e-12  # lower bound that represents an open bound of 0
-_SMALL = 0.01  # least size of a coordinate near 0, of its typical value
-_SMALLEST = 1e-9  # least size of a coordinate
+_SMALL = 0.01  # least size of a coordinate, relative to its typical value
+_SMALLEST = 1e-9  # least size of a coordinate, absolute
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Coordinates:
     """Search coordinates x of the free parameters, with their bounds; arrays of one length.
 
     `least` and `most` are bounds of the values, `typical` values of usual size, `lower` and `upper` bounds of the
-    coordinates. `pair` are the indices of beta and gamma if both are free and beta has no bounds but its sign;
-    `inverse` is the index of beta if gamma is given.
+    coordinates. `pair` are the indices of beta and gamma if both are free and beta is only bounded by 0; `inverse` is
+    the index of beta if gamma is given.
     """
 
     names: tuple[str, ...]
@@ -82,7 +82,7 @@ class Coordinates:
         return cls(names, *ends, typical, low, high, pair=(b, g))
 
     def without(self, index: int) -> Coordinates:
-        """Coordinates of the other parameters if one is fixed."""
+        """Coordinates of the other parameters if the parameter `index` is fixed."""
         others = np.arange(len(self.names)) != index
         names = tuple(name for i, name in enumerate(self.names) if i != index)
         return Coordinates.of(names, self.least[others], self.most[others], self.typical[others])
@@ -124,7 +124,7 @@ class Coordinates:
         return np.maximum(result, _SMALLEST)
 
     def inside(self, x: Floats, margin: float) -> Floats:
-        """Move x off its bounds by a margin, in sizes, as a search hardly leaves a bound on which it starts."""
+        """Move x off its bounds by a margin, in sizes, because a search hardly leaves a bound on which it starts."""
         off = margin * self.sizes(x)
         low, high = self.lower + off, self.upper - off
         return np.where(low < high, np.clip(x, low, np.maximum(low, high)), np.clip(x, self.lower, self.upper))
@@ -135,18 +135,18 @@ class Coordinates:
         """True if a parameter is represented by its inverse, which maps infinity to 0."""
         return index == self.inverse or (self.pair is not None and index in self.pair)
 
-    def followed(self, index: int, value: float) -> float:
-        """Representation of a parameter's value: its inverse or itself; applied twice it returns the value."""
+    def represented(self, index: int, value: float) -> float:
+        """Represent a parameter's value by its inverse or by itself; applied twice, this returns the value."""
         return 1.0 / value if self.by_inverse(index) else value
 
     def range_of(self, index: int, x: Floats) -> tuple[float, float]:
-        """Bounds of a parameter at coordinates x, or of its inverse if it is represented by that."""
+        """Bounds of a parameter at coordinates x, or of its inverse if that represents the parameter."""
         if self.pair is not None and index == self.pair[0]:
             return float(x[index] * self.lower[self.pair[1]]), float(1.0 / self.least[index])
         return float(self.lower[index]), float(self.upper[index])
 
     def moved(self, values: Floats, index: int, value: float) -> Floats:
-        """Values with one of them changed; the other one of a pair changes too, to keep the level gamma/beta."""
+        """Values with the value at `index` changed; in a pair the other value changes too, to keep gamma/beta."""
         result = values.copy()
         if self.pair is not None and index in self.pair:
             other = self.pair[1 - self.pair.index(index)]
@@ -161,21 +161,21 @@ class Coordinates:
 TABLE_KNOTS = 25
 """Largest number of knots of a fitted table.
 
-Their distance near the peak is a quarter of its slip, which resolves a curve with one peak to about 0.3 % of its
-height.
+Near the peak the distance of the knots is a quarter of the peak slip. This resolves a curve with one peak to about
+0.3 % of its height.
 """
 
-_ROWS_A_KNOT = 8  # least rows for each value of a table; with fewer it would follow the noise
+_ROWS_A_KNOT = 8  # least rows for each value of a table; with fewer rows the table would follow the noise
 _LEAST_KNOTS = 5
-_LAW_POINTS = 8  # points of the lookup table for each knot: its monotone cubics then follow the spline to 1e-4 of mu
+_LAW_POINTS = 8  # points of the lookup table for each knot; its monotone cubics then follow the spline to 1e-4 of mu
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Known quantities of a fit, SI: wheel load, N, initial speed v0, m/s, rail, and the user's settings.
+    """Known quantities of a fit: wheel load, N, initial speed v0, m/s, rail, and the user's settings, SI.
 
-    `slip_acceleration` is R of the log's slip ramps, m/s^2, None if it has no ramps; `acceleration_spread` its standard
-    deviation from run to run. `given_acceleration` is R as given by the user.
+    `slip_acceleration` is R of the log's slip ramps, m/s^2, None if the log has no ramps; `acceleration_spread` is its
+    standard deviation from run to run. `given_acceleration` is R as given by the user.
     """
 
     wheel_load: float
@@ -190,7 +190,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Shape:
-    """Features of the measured curve for starting values: initial slope, peak, end, and mean speed, m/s."""
+    """Features of the measured curve, for starting values: initial slope, peak, end, and mean speed, m/s."""
 
     slope: float
     peak_slip: float
@@ -202,10 +202,10 @@ class Shape:
 
 @dataclass(frozen=True)
 class FitModel:
-    """A model to be fitted: `names` are the free parameters, `known` the values of the others.
+    """A model to be fitted: `names` are the free parameters, `known` the values of the other parameters.
 
     The fit returns a `law`. `force_law` is the law whose steady force is fitted; it differs from `law` if the force
-    along a ramp is fitted. `starts` is an array (starts, names).
+    along a ramp is fitted. `starts` are the starting values, (starts, names).
     """
 
     name: str
@@ -219,7 +219,7 @@ class FitModel:
     notes: tuple[str, ...] = ()
 
     def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:
-        """mu at slip ratios, speeds and wheel loads of one shape, for parameter values; 0 beyond the law's domain."""
+        """mu for parameter values, at slip ratios, speeds and wheel loads of one shape; 0 outside the law's domain."""
         if self.name == "table":
             return np.asarray(spline(self.knots, values)(np.clip(slip, 0.0, self.knots[-1])))
         functions = numeric_plant(self.force_law)
@@ -266,7 +266,7 @@ class FitModel:
         return self._made(self.law, values, rail)
 
     def make_force_law(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """Make the law whose force was fitted, with these parameters; its peak is that of the measured curve."""
+        """Make the law whose force was fitted, with these parameters; it has the peak of the measured curve."""
         return self._made(self.force_law, values, rail)
 
     def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
@@ -298,7 +298,7 @@ _NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # placeholders: of the vehicl
 
 
 def shape_of(cells: Cells, peak_slip: float) -> Shape:
-    """Features of the cells' curve, for a given peak slip."""
+    """Features of the curve given by the cells, for a given peak slip."""
     order = np.argsort(cells.slip)
     slip, mu, n = cells.slip[order], cells.mu[order], cells.count[order]
     near = np.abs(slip - peak_slip) <= 0.1 * peak_slip
@@ -315,7 +315,7 @@ def shape_of(cells: Cells, peak_slip: float) -> Shape:
 
 
 def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    """Prepare a named model for the data of these cells; InputError for an unknown name, or bounds that exclude it."""
+    """Prepare a model for the data of these cells; InputError for an unknown name, or bounds that leave no value."""
     check_model(name)
     model = _MODELS[name](cells, shape, setting)
     return _restricted(model, setting)
@@ -403,7 +403,7 @@ def _bristle_starts(shape: Shape, setting: Setting, R: float) -> tuple[Mapping[s
     slid = max(shape.end_slip - shape.peak_slip, 0.1 * shape.end_slip) * v0
     beta = slid / fall
     gamma = shape.end_slip * v0 + beta * shape.end * load
-    # a ramp builds up alpha s^2/(2 R); the peak is at about 4 times the s at which this is the peak force
+    # along a ramp the force begins as alpha s^2/(2 R); the peak is near 4 times the s where this is the peak force
     alpha = 9.0 * R * shape.peak * load / (shape.peak_slip * v0) ** 2
     return {"alpha": alpha, "beta": beta, "gamma": gamma}, v0
 
@@ -430,7 +430,7 @@ def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
 
 
 def _stiffness(setting: Setting) -> float:
-    """Published stiffness of the bristles, N/m, (30); a steady state does not determine it."""
+    """Published stiffness of the bristles, N/m, by (30); a steady state does not determine it."""
     low, high = INITIAL_SPEED_RANGE_KMH
     return published_coefficients(min(max(setting.initial_speed / KMH, low), high), setting.wheel_load)[0]
 
@@ -476,7 +476,7 @@ def _burckhardt(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
 
 
 def _table(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    # no knot lies outside the data; they are equally spaced below the peak, by equal ratios beyond it
+    # no knot lies outside the data; below the peak the knots are equally spaced, beyond it by equal ratios
     low, high = (math.asinh(end / shape.peak_slip) for end in (cells.slip.min(), min(cells.nodes.max(), 1.0)))
     count = max(min(int(cells.count.sum() / _ROWS_A_KNOT), len(cells.slip) - 1, TABLE_KNOTS), _LEAST_KNOTS)
     knots = tuple((shape.peak_slip * np.sinh(np.linspace(low, high, count))).tolist())
@@ -508,10 +508,10 @@ SLIDING_ALONE = ("lugre", "bristle_rest")
 MODELS = tuple(_MODELS)  #: names of the models that can be fitted
 
 CANDIDATES = tuple(name for name in MODELS if name != "bristle_rest")
-"""Models compared for "best"; "bristle_rest" is not, as it uses only a part of the data."""
+"""Models compared for "best"; "bristle_rest" is not compared, because it uses only a part of the data."""
 
 
 def parameter_unit(name: str) -> str:
-    """SI unit of a parameter of any of the models; "1" for an unknown one."""
+    """SI unit of a parameter of any of the models; "1" for an unknown parameter."""
     units = (law_class(law).units() for law in _LAWS.values())
     return next((found[name] for found in units if name in found), "1")

@@ -1,11 +1,11 @@
-"""Adhesion coefficients over slip from the rows of a log: the observer, and the slip filtered like its output.
+"""Adhesion coefficients over slip from the rows of a log, by an observer and a matching filter of the slip.
 
-The observed torque is Ta/(tau s + 1), so it is delayed and smoothed. Plotted over the current slip it would shift the
-curve by tau times the slip's rate. Slip and its powers therefore pass through the same filter. An observed mu is a
-mean over some slips, and the filtered powers are the moments of these slips, which a fit needs (`curves`).
+The observed torque is Ta/(tau s + 1), so it is delayed and smoothed. Plotted over the current slip, the curve would be
+shifted by tau times the slip's rate. Slip and its powers therefore pass through the same filter. An observed mu is a
+mean over some slips; the filtered powers are the moments of these slips, which a fit needs (`curves`).
 
-`BrakedRows` are unfiltered rows for prediction-error fits. Whole runs are kept, from brake application to release. If
-there are more rows than `MOST_ROWS`, every second run is dropped, repeatedly.
+`BrakedRows` are unfiltered rows for prediction-error fits. Whole runs are kept, from brake application to release.
+While there are more rows than `MOST_ROWS`, every second run is dropped.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ from .observer import FilterObserver, Form, KalmanObserver, ObserverState, Torqu
 
 
 class Channels:
-    """Filters signals as the observer filters Ta, by using them as brake torques on a wheel that stands still."""
+    """Filters signals as the observer filters Ta: each signal is the brake torque of a wheel at standstill."""
 
     def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer
         self._states: list[ObserverState] | None = None
 
     def run(self, time: Floats, channels: Floats) -> Floats:
-        """Filter the next samples (channels, k); at the first one the filter starts in steady state."""
-        still = np.zeros(len(time))
+        """Filter the next samples (channels, k) at times in s, from a steady state at the first sample."""
+        standstill = np.zeros(len(time))
         before: list[ObserverState] | list[None] = self._states or [None] * len(channels)
-        found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
-        self._states = [each.state for each in found]
-        return np.stack([each.adhesion_torque for each in found])
+        estimates = [self._observer.run(time, u, standstill, x) for u, x in zip(channels, before, strict=True)]
+        self._states = [each.state for each in estimates]
+        return np.stack([each.adhesion_torque for each in estimates])
 
 
-_RELEASED = 0.1  # fall of the torque within a time constant, of the torque, that counts as a release of the brake
+_RELEASED = 0.1  # relative fall of the torque within a time constant that counts as a release of the brake
 
 
 class Readhesion:
-    """Detects readhesion: rows in which the slip falls after the brake was released.
+    """Detects readhesion: rows in which the slip falls after the brake is released.
 
-    After a release beyond the peak the slip falls to zero within tenths of a second, so the observer's torque is a mean
-    over half the curve. These rows are left out: the adhesion curve is that of growing slip, as in [Park2008] Fig. 13.
-    Torque and slip are filtered twice; a signal falls if the first filter's output is below the second's.
+    After a release beyond the peak the slip falls to zero within tenths of a second, and the observer's torque is then
+    a mean over half the curve. These rows are left out, so the adhesion curve is that of growing slip, as in [Park2008]
+    Fig. 13. Torque and slip are filtered twice; a signal falls if the first filter's output is below the second's.
     """
 
     def __init__(self, low_pass: TorqueObserver) -> None:
@@ -71,9 +71,9 @@ class Readhesion:
         index = np.arange(len(time))
         last_released = np.maximum.accumulate(np.where(released, index, -1 if self._falls_back else -2))
         last_held = np.maximum.accumulate(np.where(falls, -2, index))
-        found: Flags = last_released > last_held
-        self._falls_back = bool(found[-1])
-        return found
+        readhesion: Flags = last_released > last_held
+        self._falls_back = bool(readhesion[-1])
+        return readhesion
 
 
 # --- unfiltered rows -----------------------------------------------------------------------------------------------
@@ -86,7 +86,10 @@ _LONGEST_RUN = 4096  # rows; longer runs are split, so that one run cannot fill 
 
 @dataclass(frozen=True)
 class BrakedRows:
-    """Rows under brake, SI, arrays of one length: s, m/s, rad/s, N*m, N, and the number of each row's run."""
+    """Rows under brake: time, s, train speed, m/s, omega, rad/s, torque, N*m, load, N, number of the run.
+
+    Arrays of one length.
+    """
 
     time: Floats
     speed: Floats
@@ -100,27 +103,30 @@ class BrakedRows:
 
 
 class Recorder:
-    """Records rows under brake that arrive in blocks; the record does not depend on the block size."""
+    """Records rows under brake that arrive in blocks; the record does not depend on the block size.
+
+    `stride`: every `stride`-th run is kept.
+    """
 
     def __init__(self, most_rows: int = MOST_ROWS) -> None:
         self._most = most_rows
         self.stride = 1
         self._kept = np.empty((6, 0))
-        self._run, self._place = -1, 0  # run of the last row used, and its position in the run
+        self._run, self._position = -1, 0  # run of the last row used, and the position of this row in the run
         self._last_used = False
 
     def add(self, rows: Floats, used: Flags, apart: Flags) -> None:
-        """Add rows (5, k), as the first columns of `BrakedRows`, with masks: rows to use, rows after a gap."""
+        """Add rows (5, k), as the first columns of `BrakedRows`; masks: rows `used`, rows `apart`, after a gap."""
         if not used.any():
             self._last_used = bool(used[-1]) if used.size else self._last_used
             return
         follows = used & np.concatenate([[self._last_used], used[:-1]]) & ~apart
         index = np.arange(used.size)
         start = np.maximum.accumulate(np.where(used & ~follows, index, -1))
-        place = np.where(start >= 0, index - start, self._place + 1 + index)
-        begins = used & (~follows | (place % _LONGEST_RUN == 0))
+        position = np.where(start >= 0, index - start, self._position + 1 + index)
+        begins = used & (~follows | (position % _LONGEST_RUN == 0))
         run = self._run + np.cumsum(begins)
-        self._run, self._place, self._last_used = int(run[-1]), int(place[-1]), bool(used[-1])
+        self._run, self._position, self._last_used = int(run[-1]), int(position[-1]), bool(used[-1])
         keep = used & (run % self.stride == 0)
         self._kept = np.concatenate([self._kept, np.vstack([rows[:, keep], run[keep]])], axis=1)
         while self._kept.shape[1] > self._most and self.stride <= self._run:
@@ -138,21 +144,22 @@ class Recorder:
 _MOST_NAMED = 5  # gaps that have a warning of their own
 
 
-_MIXED = 1.25  # ratio of the runs' initial speeds beyond which one v0 does not describe them
+_MIXED = 1.25  # ratio of the runs' initial speeds beyond which a single v0 does not describe them
 
 
 @dataclass
 class Survey:
     """Statistics of a log's rows; speeds in m/s, times in s, loads in N.
 
-    - used, runs: rows under brake within the range of slip and speed; groups of them separated by the settling time.
+    - used, runs: number of rows under brake within the range of slip and speed; number of runs, groups of these rows
+      that are separated by the settling time.
     - lost: rows under brake within the settling time after a gap or the start.
-    - reversed: rows with slip and a brake torque that would count as braking with its sign reversed.
+    - reversed: rows with slip and a brake torque of the wrong sign.
     - readhesion: rows of readhesion.
-    - backward, forward: rows with a train speed below and above 0.
-    - implausible, first_implausible: impossible rows, and a description of the first.
-    - gaps, gap_count: the first gaps as (line, seconds), and their number; the observer restarts after each.
-    - bridged, longest_bridged: long intervals over which the observer continues, and the longest.
+    - backward, forward: rows with a train speed below 0, and above 0.
+    - implausible, first_implausible: number of impossible rows, and description of the first.
+    - gaps, gap_count: the first gaps as (line, seconds), and the number of gaps; the observer restarts after each.
+    - bridged, longest_bridged: number of long intervals over which the observer continues, and the longest of them.
     - initial_speed: highest filtered train speed; slowest_start and fastest_start are the runs' initial speeds.
     - interval: median interval of the first rows.
     - highest_pull: highest brake torque over wheel load and radius.
@@ -198,22 +205,22 @@ class Survey:
 # --- adhesion over slip --------------------------------------------------------------------------------------------
 
 
-LOWEST_SPEED = 5.0 * KMH  #: m/s; below it noise dominates the slip ratio. The published stop ends there
+LOWEST_SPEED = 5.0 * KMH  #: lowest train speed used, m/s, as in the published stop; below it noise dominates the slip
 
 DEFAULT_TIME_CONSTANT = 0.05  #: tau of the observer, s, if the log is sampled fast enough
 
 INTERVALS_PER_TIME_CONSTANT = 5.0  #: least default tau, in intervals of the log
 
 SLIP_RANGE = (0.005, 0.98)
-"""Slip ratios used: below, noise of the speeds dominates; above, the wheel is locked and its torque unknown."""
+"""Slip ratios used: below them noise of the speeds dominates; above them the wheel is locked and its torque unknown."""
 
-_GAP_INTERVALS = 5.0  # a longer interval is a gap, unless it is bridged
+_GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap, unless it is bridged
 
-# Intervals up to this many time constants are not gaps. Speeds and torque are taken as linear in between; faster
-# changes are mostly beyond the observer's bandwidth.
+# Intervals up to this many time constants are not gaps. Speeds and torque are assumed linear over them; faster changes
+# are mostly beyond the observer's bandwidth.
 _BRIDGED = 1.0
 
-_SETTLING = 5.0  # time constants after a start, when the effect of the unknown initial adhesion torque is below 1 %
+_SETTLING = 5.0  # time constants after a start until the unknown initial adhesion torque has an effect below 1 %
 LEAST_PULL = 0.02  # of wheel load times radius; with a lower torque the brake counts as released
 
 # Physical limits of a row. A wheel far faster than its braked train indicates a wrong unit or column.
@@ -221,15 +228,15 @@ _FASTEST = 200.0  # m/s
 _LARGEST_TORQUE = 1e6  # N*m
 _LEAST_SLIP = -0.5  # slip ratio under brake
 _LEAST_FREE_SLIP = -2.0  # slip ratio without brake
-_TOLERATED_SHARE = 0.01  # of the rows; more impossible rows, or rows of the wrong sign, are refused
+_TOLERATED_SHARE = 0.01  # of the rows; a log with more impossible rows, or rows of the wrong sign, is refused
 
 
 class Observer(StrEnum):
     """Observers of the adhesion torque.
 
-    - CORRECTED: every term filtered.
-    - PRINTED: [Park2008] (27) as printed, with the brake torque unfiltered.
-    - KALMAN: a Kalman filter whose adhesion torque is a random walk, with a bandwidth of 1/tau.
+    - CORRECTED: [Park2008] (27) with every term filtered.
+    - PRINTED: [Park2008] (27) as printed, in which the brake torque is not filtered.
+    - KALMAN: a Kalman filter that models the adhesion torque as a random walk, with a bandwidth of 1/tau.
     """
 
     CORRECTED = "corrected"
@@ -239,7 +246,7 @@ class Observer(StrEnum):
 
 @dataclass(frozen=True)
 class Observed:
-    """Samples of adhesion over slip, SI, arrays of one length; all but the time are filtered by the observer.
+    """Samples of adhesion over slip, SI, arrays of one length; all except the time pass the observer's filter.
 
     `slip2`, `slip3` and `slip_speed` are the filtered square and cube of the slip, and slip times train speed.
     """
@@ -334,7 +341,7 @@ class AdhesionStream:
             raise InputError(message(which, name=name, survey=survey, of=of, seconds=seconds))
 
     def signals(self, rows: Rows) -> Floats:
-        """Signals of rows, (5, k): time (s), train speed (m/s), omega (rad/s), brake torque (N*m), wheel load (N)."""
+        """Signals of the rows, (5, k): time (s), train speed (m/s), omega (rad/s), brake torque (N*m), load (N)."""
         radius, angular = self.vehicle.wheel.radius, rows.columns.get("wheel_angular_speed")
         self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
@@ -342,7 +349,7 @@ class AdhesionStream:
         return np.stack([rows.columns["time"], rows.columns["train_speed"], omega, rows.columns["brake_torque"], load])
 
     def _possible(self, rows: Rows) -> tuple[Lines, Floats]:
-        """Line numbers and signals of the physically possible rows; the others are counted in the survey."""
+        """Line numbers and signals of the physically possible rows; impossible rows are counted in the survey."""
         signals, radius = self.signals(rows), self.vehicle.wheel.radius
         _, v, omega, torque, load = signals
         wheel, pressed = radius * omega, load > 0.0
@@ -350,7 +357,7 @@ class AdhesionStream:
         self.survey.backward += int((v < -LOWEST_SPEED).sum())
         self.survey.forward += int((v > LOWEST_SPEED).sum())
         self.survey.highest_pull = max(self.survey.highest_pull, float(pull.max(initial=0.0)))
-        # a wheel overshoots after a release, as its contact is a spring
+        # after a release the wheel may overshoot the train speed, because the contact acts as a spring
         least = np.where(self._braked(torque, load), _LEAST_SLIP, _LEAST_FREE_SLIP)
         checks = {
             "train too fast": (np.abs(v) > _FASTEST, v / KMH),
@@ -373,7 +380,7 @@ class AdhesionStream:
         return torque > LEAST_PULL * self.vehicle.wheel.radius * load
 
     def _gaps(self, line: Lines, steps: Floats) -> NDArray[np.intp]:
-        """Indices of the rows at which the observer restarts: the first of the log, and those after a gap."""
+        """Indices of the rows at which the observer restarts: the first row of the log, and rows after a gap."""
         long = steps > _GAP_INTERVALS * self.survey.interval
         new = np.flatnonzero(long & (steps > _BRIDGED * self.time_constant))
         bridged = steps[long & (steps <= _BRIDGED * self.time_constant)]
@@ -413,17 +420,17 @@ class AdhesionStream:
         survey.readhesion += int((braked & sliding & settled & readhesion).sum())
         survey.initial_speed = max(survey.initial_speed, float(speed.max()))
         mu = estimate.adhesion_torque / (radius * np.where(pressed > 0.0, pressed, np.inf))
-        found = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, pressed).where(used)
-        if len(found):
-            apart = np.diff(found.time, prepend=self._last_run) > _SETTLING * self.time_constant
+        samples = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, pressed).where(used)
+        if len(samples):
+            apart = np.diff(samples.time, prepend=self._last_run) > _SETTLING * self.time_constant
             survey.runs += int(apart.sum())
-            starts = found.speed[apart]
+            starts = samples.speed[apart]
             survey.slowest_start = float(np.fmin(survey.slowest_start, starts.min(initial=math.inf)))
             survey.fastest_start = float(np.fmax(survey.fastest_start, starts.max(initial=-math.inf)))
-            survey.used += len(found)
-            survey.load_sum += float(found.load.sum())
-            self._last_run = float(found.time[-1])
-        return found
+            survey.used += len(samples)
+            survey.load_sum += float(samples.load.sum())
+            self._last_run = float(samples.time[-1])
+        return samples
 
 
 def _joined(parts: list[Observed]) -> Observed:
@@ -437,10 +444,10 @@ def _joined(parts: list[Observed]) -> Observed:
 
 @dataclass(frozen=True)
 class TimeHistory:
-    """One run under brake over time from the brake's application, for a picture; SI, arrays of one length.
+    """One run under brake over time since the brake was applied, for a picture; SI, arrays of one length.
 
-    The wheel speed is that of the circumference. The adhesion torque is that of the corrected observer, NaN while it
-    settles.
+    The wheel speed is that of the circumference. The adhesion torque comes from the corrected observer; it is NaN while
+    the observer settles.
     """
 
     time: Floats

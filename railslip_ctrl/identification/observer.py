@@ -1,12 +1,12 @@
 """Observers of the adhesion torque from sampled signals, models of the sensors, and their noise.
 
-`FilterObserver` is [Park2008] (27), (28), Fig. 11. Torque and speed are taken as linear between samples, for which the
-first-order filter has an exact solution. With h the interval, q = h/tau and u = B omega + Tb, the corrected estimate is
+`FilterObserver` is [Park2008] (27), (28), Fig. 11. Torque and speed are assumed linear between samples; the first-order
+filter then has an exact solution. With h the interval, q = h/tau and u = B omega + Tb, the corrected estimate is
 
     y[k] = exp(-q) y[k-1] + (1 - exp(-q)) J (omega[k] - omega[k-1])/h + w0 u[k-1] + w1 u[k],
     w1 = 1 - (1 - exp(-q))/q,  w0 = 1 - exp(-q) - w1.
 
-As printed, u is not filtered: w0 = w1 = 0, and Ta_hat = y + u.
+In the printed form u is not filtered: w0 = w1 = 0, and Ta_hat = y + u.
 
 `KalmanObserver` models Ta as a random walk:
 
@@ -15,7 +15,7 @@ As printed, u is not filtered: w0 = w1 = 0, and Ta_hat = y + u.
 The filter has a constant gain ([Astrom1997] 11), from python-control's Riccati solvers. It predicts exactly over each
 interval and corrects with the gain of the nominal interval.
 
-`SampledForm` is an observer as a recursion at a constant interval. The noise of the estimate follows from it.
+`SampledForm` is the recursion of an observer at a constant interval. It gives the noise of the estimate.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Encoder:
     """Incremental encoder; its speed is the difference of two counts over the interval between them.
 
     This speed is the mean over the interval, so it is half an interval late. The rounding error of each angle is
-    modelled as uniform over one count and independent of the other errors. This holds if many counts pass in an
+    modelled as uniform over one count and independent of the other errors. The model is valid if many counts pass in an
     interval. `counts` is the number of edges per turn: 4 times the lines of an encoder with two tracks. InputError for
     fewer than 1.
     """
@@ -126,7 +126,7 @@ def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Fl
     rows, n = forcing.shape
     length = max(math.isqrt(rows), 1)
     blocks = -(-rows // length)
-    padded = np.zeros((blocks * length, n, n + 1))  # the last block is padded with zeros, cut off at the end
+    padded = np.zeros((blocks * length, n, n + 1))  # zeros fill the last block; the result is cut off after `rows`
     padded[:rows, :, :n], padded[:rows, :, n] = transition, forcing
     steps = padded.reshape(blocks, length, n, n + 1).swapaxes(0, 1).copy()  # by step, then by block
     passed = np.empty_like(steps)  # the product of a block's transitions up to a step, and its response from x = 0
@@ -159,8 +159,8 @@ def mean_phi(q: Floats) -> Floats:
 class NoiseGains:
     """Variance of Ta_hat, (N*m)^2, if one measured signal has white noise of variance 1 (SI) on every sample.
 
-    `torque` and `speed` name the measured signal with the noise. `angle` is for a speed that is computed from
-    differences of a noisy angle.
+    `torque` and `speed` name the measured signal with the noise. `angle` is for noise on each angle of an encoder, from
+    whose differences the speed is computed.
     """
 
     torque: float
@@ -243,21 +243,21 @@ def checked_samples(
     t = columns["time"]
     for name, values in columns.items():
         if values.ndim != 1 or values.shape != t.shape:
-            raise InputError(f"{name}: shape {values.shape} is not allowed; give one value a row, as many as times")
+            raise InputError(f"{name}: shape {values.shape} is not allowed; give a 1-D array as long as time")
         if not np.isfinite(values).all():
             row = int(np.argmin(np.isfinite(values)))
             raise InputError(f"{name}: {values[row]} in row {row} is not allowed; give finite values")
     if t.size == 0:
-        raise InputError("time: no rows; give at least one sample")
+        raise InputError("time: no rows; give at least one row")
     growing = np.diff(t, prepend=-math.inf if after is None else after) > 0
     if not growing.all():
         row = int(np.argmin(growing))
         before = t[row - 1] if row else after
-        raise InputError(f"time: {t[row]:.9g} in row {row} is not after {before:.9g}; give growing times (s)")
+        raise InputError(f"time: {t[row]:.9g} in row {row} is not after {before:.9g}; give increasing times (s)")
     return t, np.stack([columns["torque"], columns["omega"]], axis=1)
 
 
-_AT_ONCE = 1 << 16  # rows processed together: they fit into the processor's cache and bound the memory
+_AT_ONCE = 1 << 16  # rows processed together; this bounds the memory and fits into the processor's cache
 
 
 class TorqueObserver(ABC):
@@ -312,7 +312,7 @@ class TorqueObserver(ABC):
 
 
 class Form(StrEnum):
-    """Forms of the observer.
+    """Forms of the published observer.
 
     PRINTED filters only J omega', as printed in (27). CORRECTED filters every term, so Ta_hat = Ta/(tau s + 1).
     """
@@ -325,7 +325,7 @@ class Form(StrEnum):
 class FilterObserver(TorqueObserver):
     """Published observer of the adhesion torque.
 
-    It does not know the disturbance torque Td, so the corrected estimate is (Ta + Tr - Td)/(tau s + 1). `inertia` J
+    The disturbance torque Td is not measured, so the corrected estimate is (Ta + Tr - Td)/(tau s + 1). `inertia` J
     (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) are the wheel's effective values, `time_constant` is tau
     (s, > 0), and `form` is printed or corrected. InputError for a number out of range.
     """
@@ -386,8 +386,8 @@ class FilterObserver(TorqueObserver):
 # --- the Kalman filter -----------------------------------------------------------------------------------------------
 
 
-# Largest accepted residual of a Riccati equation, over the sum of its terms' magnitudes. Correct solutions have 1e-10
-# or less; wrong solutions have no correct digit.
+# Largest accepted residual of a Riccati equation, relative to the sum of its terms' magnitudes. Correct solutions have
+# 1e-10 or less; wrong solutions have no correct digit.
 _LARGEST_RESIDUAL = 1e-6
 
 
@@ -395,7 +395,8 @@ def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool)
     """Solve the Kalman filter's Riccati equation for the error covariance P; the first state is measured.
 
     Continuous: A P + P A' - P C' C P/noise + driven = 0. Sampled, P before a sample: P = A (P - P C' C P/(C P C' +
-    noise)) A' + driven. The solvers return numbers for any input, so the solution is checked; InputError if it fails.
+    noise)) A' + driven. The solvers return numbers for any input, so the solution is checked. InputError for a wrong
+    solution.
     """
     import control
 
@@ -415,7 +416,7 @@ def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool)
             sound &= bool(poles.real.max() < 0)
     if not sound:
         raise InputError(
-            f"Kalman filter: no steady gain can be computed with measurement noise {noise:g} against driving noise "
+            f"Kalman filter: no steady gain can be computed with measurement noise {noise:g} and driving noise "
             f"{np.abs(driven).max():g}; give noises closer to each other, and an interval near the filter's time "
             "constants"
         )
@@ -455,10 +456,10 @@ class KalmanObserver(TorqueObserver):
     ) -> Self:
         """Return the Kalman filter for a vehicle's wheel and its sensors.
 
-        The encoder's rounding errors are modelled as white noise of the speed. In fact they cancel at low frequencies,
-        so the filter gives the speed less weight than it could. The torque's noise variance is that of the `sensor`. Ta
-        is expected to change by `change` (N*m, one standard deviation) within `within` (s), so `walk` is
-        change^2/within.
+        The rounding errors of the `encoder` are modelled as white noise of the speed. In fact they cancel at low
+        frequencies, so the filter gives the speed less weight than it could. The torque's noise variance is that of the
+        `sensor`. `interval` is the sampling interval, s. Ta is expected to change by `change` (N*m, one standard
+        deviation) within `within` (s), so `walk` is change^2/within.
         """
         number("change", change, "N*m", gt=0)
         number("within", within, "s", gt=0)

@@ -1,22 +1,22 @@
 """Prediction-error fits: predict each row's wheel speed from the row before, and minimise the errors.
 
 A random force on the wheel also changes its slip. A curve fitted to force over slip is therefore too flat where the
-characteristic is steep. The wheel speed one interval ahead avoids this bias, as the present slip does not yet contain
-the coming force. With w the random force (white, constant between rows), n the sensor noise and A the decay of a
-deviation over the interval, the error of a prediction is
+adhesion characteristic is steep. A prediction of the wheel speed one interval ahead avoids this bias, because the
+present slip does not depend on the coming force. With w the random force (white, constant between rows), n the sensor
+noise and A the decay of a deviation over the interval, the error of a prediction is
 
     r[k] = n[k+1] - A[k] n[k] + g[k] w[k],    g = (r/J) (interval, shortened by the decay).
 
 Its covariance is tridiagonal. The variances are maximum-likelihood estimates, and the whitened errors are minimised. If
-the force is correlated over several rows, the slip contains part of it, and a bias remains on steep rises. The long-run
-variance of the whitened errors shows part of this bias and widens the intervals.
+the force is correlated over several rows, the slip depends on part of it, and a bias remains on steep rises. The
+long-run variance of the whitened errors shows part of this bias and widens the intervals.
 
-The bristles' deflection z is integrated along the measured slip, in which z' is linear. Its unknown value at the start
-of each run is fitted with the parameters.
+The deflection z of the bristles is integrated along the measured slip; for a given slip, z' is linear in z. The unknown
+value of z at the start of each run is fitted with the parameters.
 
-Brake torque and train speed between rows are parabolas through neighbouring rows. A released brake's torque decays so
-fast that the mean of both ends is 1 % too high, and the fitted fall of the adhesion would be too small. The curvature
-of the train's speed matters where the characteristic is steep, because the slip is small there.
+Between rows, brake torque and train speed are parabolas through neighbouring rows. The torque of a released brake
+decays so fast that the mean of both ends is 1 % too high; with this mean the fitted fall of the adhesion would be too
+small. The curvature of the train's speed matters where the characteristic is steep, because the slip is small there.
 """
 
 from __future__ import annotations
@@ -36,37 +36,37 @@ from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .curves import Cells, Stretches
-from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
+from .fits import REGULARISATION, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
 from .messages import message
 from .models import FitModel, Setting, spline
 from .observed import BrakedRows
 from .observer import linear_recursion, mean_phi, phi
 
 STATIC = ("beam", "polach", "burckhardt", "curve", "table")
-"""Models whose force is a function of slip and speed, fitted over its whole range."""
+"""Models whose force is a function of slip and speed, fitted over the whole range of slip."""
 
 DYNAMIC = ("bristle",)  #: models with a state
 
-_LEAST_INTERVALS = 60  # fewer do not determine two variances and the parameters
-_SUBSTEPS = (1, 2)  # substeps of an interval, with slow and with fast decay of a deviation
-_LITTLE = 0.3  # largest logarithmic decay per interval for one substep, whose error is then some 1e-5 of the force
+_LEAST_INTERVALS = 60  # fewer intervals do not determine two variances and the parameters
+_SUBSTEPS = (1, 2)  # substeps of an interval, for slow and for fast decay of a deviation
+_SLOW_DECAY = 0.3  # largest logarithmic decay per interval for one substep; the error is then some 1e-5 of the force
 _SLIP_STEP = 1e-6  # slip difference for the slope of the force; the steepest law changes its slope over 1e-3
-_ROUNDS = 4  # most rounds of estimating variances and parameters in turn
+_ROUNDS = 4  # most rounds of estimating variances and parameters alternately
 _SETTLED = 1e-6  # relative change of the parameters that ends the rounds
-_RATIOS = (math.log(1e-8), math.log(1e6))  # log range of the sensor's variance over that of the random force's effect
-_LARGEST_SLIP = 0.999
-_WILDEST = 50.0  # largest logarithmic growth of a deviation over a step; keeps the numbers finite
+_RATIOS = (math.log(1e-8), math.log(1e6))  # log range: variance of the sensor over that of the random force's effect
+_LARGEST_SLIP = 0.999  # slip ratio; larger trial values are set to it
+_LARGEST_GROWTH = 50.0  # largest logarithmic growth of a deviation over a step; keeps the numbers finite
 _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of the coordinate
 _CONVERGED = 1e-10  # relative tolerance of the sum of squares
 _SEARCH = 300  # most evaluations of the errors and their Jacobian
-_ALIKE = 1e-6  # relative: searches with sums of squares this close reached one minimum
+_SAME_MINIMUM = 1e-6  # relative difference of the sums of squares of searches that reached the same minimum
 _FOLLOWED_CELLS = 100  # cells over the root of the slip ratio
 _SPLINE_POINTS = 256  # over the root of the slip; the error is some 256^-4 of mu
-_SPLINE_REACH = 0.005  # slip beyond the record's highest that the spline covers for predictions
+_SPLINE_REACH = 0.005  # slip by which the spline extends beyond the record's highest slip, for predictions
 
 
 class Errors(NamedTuple):
-    """Prediction errors r and decay A, by interval, and the derivative of r by the state at each run's start."""
+    """Prediction errors r and decay A of each interval, and the derivative of r by the state at the run's start."""
 
     error: Floats
     decay: Floats
@@ -105,17 +105,18 @@ class Intervals:
     def __len__(self) -> int:
         return len(self.step)
 
-    def bent(self, *, steeper: bool = False) -> Intervals:
+    def with_curvature(self, *, steeper: bool = False) -> Intervals:
         """Account for curvature: sets `speed_bend`, and shifts the torques so that a line has the parabola's mean.
 
-        Two parabolas pass through the interval and a third row, before or after it. The flatter one is used, as it does
-        not cross a corner of the signal. The steeper one bounds the effect of a corner between two rows.
+        A parabola passes through both ends of the interval and a third row, before or after it. The flatter of the two
+        parabolas is used, because it does not cross a corner of the signal. The steeper parabola bounds the effect of a
+        corner between two rows.
         """
-        excess = self._bend(self.torque0, self.torque1, steeper=steeper) / 12.0
-        bend = self._bend(self.speed0, self.speed1, steeper=steeper)
+        excess = self._curvature(self.torque0, self.torque1, steeper=steeper) / 12.0
+        bend = self._curvature(self.speed0, self.speed1, steeper=steeper)
         return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess, speed_bend=bend)
 
-    def _bend(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
+    def _curvature(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
         """Second derivative times the interval squared; 0 for a run of one interval."""
         slope = (end - begin) / self.step
         bend = np.full(len(self) + 1, np.nan)  # at the rows between two intervals; unknown at both ends of a run
@@ -141,7 +142,7 @@ class PredictionErrors:
         self.radius, self.J = vehicle.wheel.radius, vehicle.effective_inertia
         self.B = vehicle.effective_viscous_friction
         self._straight = Intervals.of(record)
-        self.intervals = self._straight.bent()
+        self.intervals = self._straight.with_curvature()
         self._factor: Floats | None = None
         self._substeps = _SUBSTEPS[1]
         self._spline: tuple[tuple[float, ...], Any] | None = None
@@ -156,7 +157,7 @@ class PredictionErrors:
 
     def _force(self, values: Floats, sigma: Floats, v: Floats) -> Floats:
         slip = np.minimum(np.abs(sigma) / v, _LARGEST_SLIP)
-        if self.model.name == "curve":  # each value is an integral, so a spline replaces it; independent of the load
+        if self.model.name == "curve":  # each value is an integral, so a spline replaces it; mu does not depend on load
             force = self._curve(tuple(values))(np.sqrt(slip)) * self.wheel_load
         else:
             force = self.model.coefficient(values, slip, v, self.intervals.load) * self.intervals.load
@@ -176,7 +177,7 @@ class PredictionErrors:
         """Predict by the exponential Rosenbrock method of order 2, exact for a linear characteristic and ramps.
 
         The state is sigma, with the measured train speed. Where the characteristic is steep, the wheel follows the
-        train at once, so omega changes much and sigma little.
+        train at once, so omega changes much and sigma hardly changes.
         """
         i = self.intervals
         h = i.step / self._substeps
@@ -185,10 +186,10 @@ class PredictionErrors:
         v, torque, sigma, decay = i.speed0, i.torque0, i.speed0 - self.radius * i.omega0, np.ones(len(i))
         dv = dv - bend * (self._substeps - 1) / 2.0
         for _ in range(self._substeps):
-            at = np.stack([sigma, sigma + _SLIP_STEP * v, sigma])  # one call, as calls dominate the time for few rows
+            at = np.stack([sigma, sigma + _SLIP_STEP * v, sigma])  # one call, because for few rows each call takes long
             force, steeper, later = self._force(values, at, np.stack([v, v, v + dv]))
             q = (self.radius**2 * (steeper - force) / (_SLIP_STEP * v) + self.B) / self.J * h
-            q = np.maximum(q, -_WILDEST)
+            q = np.maximum(q, -_LARGEST_GROWTH)
             turning = self.B * (v - sigma) + self.radius * torque - self.radius**2 * force
             change = self.B * dv + self.radius * dtorque - self.radius**2 * (later - force)
             decayed, mean = phi(q), mean_phi(q)
@@ -199,12 +200,12 @@ class PredictionErrors:
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
 
     def followed(self, values: Floats) -> Floats:
-        """Slip and mu of the bristle model along the runs, means in cells of the slip's root: (2, cells)."""
-        found, sigma, mean, left = self._bristles(values)
-        assert found.start is not None
+        """Slip and mu of the bristle model along the runs, averaged in cells of the slip's root: (2, cells)."""
+        errors, sigma, mean, left = self._bristles(values)
+        assert errors.start is not None
         assert self._factor is not None, "set_variances comes first"
         i, run = self.intervals, self.intervals.run
-        error, start = (self._whitened(x, self._factor) for x in (found.error, found.start))
+        error, start = (self._whitened(x, self._factor) for x in (errors.error, errors.start))
         z0 = -np.bincount(run, start * error) / np.bincount(run, start**2)
         force = self._values(values)[0] * (mean + left * z0[run])
         slip = np.clip(sigma / ((i.speed0 + i.speed1) / 2), 0.0, 1.0)
@@ -221,8 +222,8 @@ class PredictionErrors:
     def _bristles(self, values: Floats) -> tuple[Errors, Floats, Floats, Floats]:
         """Integrate z' = sigma - alpha h sigma z, with sigma the mean of both ends of an interval.
 
-        Returns the errors, sigma, the mean of z in each interval for z = 0 at the start of the run, and its derivative
-        by z at the start.
+        Returns the errors, sigma, the mean of z in each interval for z = 0 at the start of the run, and the derivative
+        of this mean by z at the start.
         """
         i = self.intervals
         alpha, beta, gamma = self._values(values)
@@ -235,7 +236,7 @@ class PredictionErrors:
             np.where(begins, 0.0, np.exp(-q))[:, None, None], (i.step * sigma * share)[:, None], _ZERO
         )
         z0 = np.where(begins, 0.0, np.concatenate([_ZERO, z1[:-1, 0]]))
-        # mean over the interval: from z at its beginning, and from its growth
+        # mean over the interval: part due to z at its beginning, and part due to growth within it
         mean = z0 * share + i.step * sigma * mean_phi(q)
         decay = np.cumsum(q) - q
         left = np.exp(-(decay - decay[begins][i.run]))  # remaining share of z at the start of the run
@@ -248,14 +249,14 @@ class PredictionErrors:
     # --- whitening --------------------------------------------------------------------------------------------------
 
     def set_variances(self, values: Floats) -> None:
-        """Set the maximum-likelihood variances for the errors at some parameters; from now on they whiten the errors.
+        """Set the maximum-likelihood variances of the errors at some parameters, which `residuals` uses for whitening.
 
-        The ratio of the two variances is searched for; their common factor follows from it.
+        A search finds the ratio of the two variances; their common factor follows from the ratio.
         """
         from scipy.optimize import minimize_scalar
 
-        found = self.errors(values)
-        error, bands = self._without_start(found.error, found.start), self._covariance_bands(found.decay)
+        errors = self.errors(values)
+        error, bands = self._without_start(errors.error, errors.start), self._covariance_bands(errors.decay)
 
         def deviance(log_ratio: float) -> float:
             factor = _covariance_factor(bands, math.exp(log_ratio))
@@ -269,27 +270,30 @@ class PredictionErrors:
         self._factor = factor * scale
 
     def _covariance_bands(self, A: Floats) -> tuple[Floats, Floats]:
-        """Banded covariances of the errors: of a random force of effect 1, of a sensor variance of 1; `A` the decay."""
+        """Banded covariances of the errors, due to a random force of effect 1 and to a sensor variance of 1.
+
+        `A` is the decay of a deviation over each interval.
+        """
         i = self.intervals
-        # the force is constant over a nominal interval; the variance of its mean falls with a longer interval
+        # the force is constant over a nominal interval; over a longer interval the variance of its mean is smaller
         gain = phi(-np.log(np.clip(A, 1e-12, 1e12))) * np.sqrt(i.step / np.median(i.step))
-        force, pickup = np.zeros((2, len(i))), np.zeros((2, len(i)))
-        force[0], pickup[0] = gain**2, 1 + A**2
-        pickup[1, :-1] = np.where(i.begins[1:], 0.0, -A[1:])
-        return force, pickup
+        force, sensor = np.zeros((2, len(i))), np.zeros((2, len(i)))
+        force[0], sensor[0] = gain**2, 1 + A**2
+        sensor[1, :-1] = np.where(i.begins[1:], 0.0, -A[1:])
+        return force, sensor
 
     def residuals(self, values: Floats) -> Floats:
-        """Whitened errors, of variance 1 each if the model is right."""
-        found = self.errors(values)
+        """Whitened errors; each has variance 1 if the model is right."""
+        errors = self.errors(values)
         assert self._factor is not None, "set_variances comes first"
-        start = None if found.start is None else self._whitened(found.start, self._factor)
-        return self._without_start(self._whitened(found.error, self._factor), start)
+        start = None if errors.start is None else self._whitened(errors.start, self._factor)
+        return self._without_start(self._whitened(errors.error, self._factor), start)
 
     @staticmethod
     def _whitened(x: Floats, factor: Floats) -> Floats:
         from scipy.linalg.blas import dtbsv
 
-        # faster than `solve_banded`, which pivots without need; raises ValueError if x is not finite, as that does
+        # faster than `solve_banded`, which pivots needlessly; both raise ValueError if x is not finite
         return np.asarray(dtbsv(1, factor, np.asarray_chkfinite(x), lower=1))
 
     def _without_start(self, error: Floats, start: Floats | None) -> Floats:
@@ -303,30 +307,30 @@ class PredictionErrors:
     # --- the fit ----------------------------------------------------------------------------------------------------
 
     def solve(self, starts: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """Best coordinates from several starting values of the parameters, and the whitened errors there."""
+        """Best coordinates from several starting values of the parameters, and the whitened errors at them."""
         if self.model.name in STATIC:
             steepest = float(np.max(-np.log(self.errors(starts[0]).decay)))
-            self._substeps = _SUBSTEPS[steepest > _LITTLE]
+            self._substeps = _SUBSTEPS[steepest > _SLOW_DECAY]
         at, values = self.coordinates.at, self.coordinates.values
         tried = [self._search(at(start)) for start in starts]
         least = min(squares for squares, _ in tried)
-        found = next(x for squares, x in tried if squares <= (1.0 + _ALIKE) * least)
+        best = next(x for squares, x in tried if squares <= (1.0 + _SAME_MINIMUM) * least)
         for _ in range(_ROUNDS - 1):
-            before, found = found, self._search(found)[1]
-            if np.all(np.abs(found - before) <= _SETTLED * self.coordinates.sizes(found)):
+            before, best = best, self._search(best)[1]
+            if np.all(np.abs(best - before) <= _SETTLED * self.coordinates.sizes(best)):
                 break
-        self.set_variances(values(found))
-        return found, self.residuals(values(found))
+        self.set_variances(values(best))
+        return best, self.residuals(values(best))
 
-    def likeliest(self, start: Floats) -> tuple[float, Floats, float]:
-        """Fit from one start: (-2 log likelihood up to a constant, best parameters, inflation of the errors)."""
-        found, errors = self.solve([start])
-        return self.deviance, self.coordinates.values(found), _inflation(self.intervals, errors, len(found))[0]
+    def maximum_likelihood(self, start: Floats) -> tuple[float, Floats, float]:
+        """Fit from one start; return (-2 log likelihood up to a constant, best parameters, inflation of the errors)."""
+        best, errors = self.solve([start])
+        return self.deviance, self.coordinates.values(best), _inflation(self.intervals, errors, len(best))[0]
 
     @property
     def deviance(self) -> float:
         """-2 log likelihood, up to a constant, at the parameters for which the variances were set."""
-        # the factor includes the scale, so the sum of the whitened squares equals their number
+        # the factor includes the common scale, so the sum of the whitened squares is constant
         assert self._factor is not None, "set_variances comes first"
         return 2.0 * float(np.sum(np.log(self._factor[0])))
 
@@ -336,24 +340,24 @@ class PredictionErrors:
         self.set_variances(coordinates.values(start))
         begin = coordinates.inside(start, _OFF_BOUND)
         _, x = search(
-            self.residuals, coordinates, begin, weight=PULL, centre=centre, tolerance=_CONVERGED, most=_SEARCH
+            self.residuals, coordinates, begin, weight=REGULARISATION, centre=centre, tolerance=_CONVERGED, most=_SEARCH
         )
         return float(np.sum(self.errors(coordinates.values(x)).error ** 2)), x
 
     def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:
         """Shifts of the coordinates due to the unknown motion between rows, one for each cause.
 
-        - Curvature of torque and train speed: the effect of leaving out the parabolas, and the effect of taking the
-          steeper parabola in each interval, as if the brake was released between rows.
-        - Integration step: Richardson's estimate of order 2. The bristles' state is integrated exactly.
+        - Curvature of torque and train speed: the effect of straight lines instead of parabolas, and the effect of the
+          steeper parabola in each interval, as if the brake were released between rows.
+        - Integration step: Richardson's estimate of order 2. The bristles' state is integrated exactly and needs none.
         """
         values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
-        here, bent = self.residuals(values), self.intervals
+        here, intervals = self.residuals(values), self.intervals
         shifts = []
-        for other in (self._straight, self._straight.bent(steeper=True)):
+        for other in (self._straight, self._straight.with_curvature(steeper=True)):
             self.intervals = other
             shifts.append(inverse @ (self.residuals(values) - here))
-        self.intervals = bent
+        self.intervals = intervals
         if self.model.name in STATIC:
             steps = self._substeps
             self._substeps = 2 * steps
@@ -366,48 +370,49 @@ _ZERO = np.zeros(1)
 
 
 def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
-    """Banded Cholesky factor of the covariance, for a ratio of sensor variance to the random force's effect."""
+    """Banded Cholesky factor of the covariance, for a ratio of the sensor's to the random force's variance."""
     from scipy.linalg import cholesky_banded
 
-    force, pickup = bands
-    return np.asarray(cholesky_banded(force + ratio * pickup, lower=True))
+    force, sensor = bands
+    return np.asarray(cholesky_banded(force + ratio * sensor, lower=True))
 
 
 # --- prediction-error fit, starting from a fit to the cells --------------------------------------------------------
 
 
-_LEAST_ROWS = 4  # between two knots of a table; rapidly growing slip leaves gaps between the rows
+_LEAST_ROWS = 4  # least rows between two knots of a table; rapidly growing slip leaves gaps between the rows
 _STRETCH = 10.0  # shortest stretch over which errors are summed, in intervals
-_STRETCHES_A_PARAMETER = 3.0  # least stretches for each parameter; shorter ones are used if there are fewer
-_ALPHA_FACTORS = (0.2, 1.0)  # starts of alpha, over the fit to the cells, which is too large if the slip grows rapidly
-_FAR_BELOW = 1 / 3  # a whole test begins below this share of the slip up to which its ramp is measured
-_RAMP_RANGE = 2.0  # a note gives the peak for ramps slower and steeper by this factor
+_STRETCHES_A_PARAMETER = 3.0  # least stretches for each parameter; a log with fewer gets shorter stretches
+_ALPHA_FACTORS = (0.2, 1.0)  # starts of alpha over its fit to the cells, which is too large if the slip grows rapidly
+_WHOLE_TEST = 1 / 3  # a whole test begins below this share of the slip up to which its ramp is measured
+_RAMP_RANGE = 2.0  # a note gives the peak for slip accelerations lower and higher by this factor
 
 
-def is_followed(model: FitModel, record: BrakedRows) -> bool:
+def has_prediction_errors(model: FitModel, record: BrakedRows) -> bool:
     """True if a model has a prediction-error fit and the record has enough intervals for it."""
     return model.name in (*STATIC, *DYNAMIC) and int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
 
 
 def prediction_error_fit(
-    found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
+    first: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
 ) -> Fit:
-    """Refit a model by minimising the prediction errors, from its fit to the cells; unchanged unless `is_followed`.
+    """Refit a model by minimising the prediction errors, from its `first` fit, to the cells.
 
-    `profiles` as of `fits.fit`. InputError for a log whose wheel motion the model cannot follow.
+    Returns the first fit unless `has_prediction_errors`. `profiles` as in `fits.fit`. InputError for a log whose wheel
+    motion the model cannot reproduce.
     """
-    if not is_followed(found.model, record):
-        return found
+    if not has_prediction_errors(first.model, record):
+        return first
     try:
-        return _refitted(found, record, vehicle, cells, setting, profiles)
+        return _refitted(first, record, vehicle, cells, setting, profiles)
     except RailslipError:
         raise
     except ValueError as error:  # raised by SciPy and LAPACK if the errors are not finite
         raise InputError(message("cannot follow")) from error
 
 
-def _refitted(found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
-    model, values = found.model, found.values
+def _refitted(first: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
+    model, values = first.model, first.values
     if model.name == "table":
         kept = _knots_with_rows(model.knots, 1.0 - vehicle.wheel.radius * record.omega / record.speed)
         model, values = model.with_knots(kept), values[kept]
@@ -419,19 +424,19 @@ def _refitted(found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, se
     variance, freedom = _inflation(problem.intervals, errors, len(x))
     i, shifts = problem.intervals, problem.discretisation(x, slopes)
     tests = whole_tests(i.time, i.step, i.run)
-    noise = (found.long_run_variance, found.degrees_of_freedom)  # over the cells
+    noise = (first.long_run_variance, first.degrees_of_freedom)  # over the cells
     known = estimate(problem, x, slopes, variance, freedom, tests=tests, shifts=shifts, profiles=profiles)
-    judged: dict[str, Any] = {"deviance": problem.deviance, "inflation": (variance, freedom)}
+    quality: dict[str, Any] = {"deviance": problem.deviance, "inflation": (variance, freedom)}
     if model.name == "table":
         every_second = sorted({*range(0, len(model.knots), 2), len(model.knots) - 1})
         coarser, start = model.with_knots(every_second), known.values[every_second]
-        halved = PredictionErrors(coarser, record, vehicle, setting.wheel_load).likeliest(start)[1]
-        judged["coarse"] = spline(coarser.knots, halved)(model.knots)
+        halved = PredictionErrors(coarser, record, vehicle, setting.wheel_load).maximum_likelihood(start)[1]
+        quality["coarse"] = spline(coarser.knots, halved)(model.knots)
     if model.name in STATIC:
-        return replace(fit_of(model, known, cells, setting, noise), **judged)
+        return replace(fit_of(model, known, cells, setting, noise), **quality)
     model, spread = _with_ramp(model, known.values, setting)
-    again = fit_of(model, known, cells, setting, noise, problem.followed(known.values))
-    return replace(again, known_stderrs={} if spread is None else {"R": spread}, **judged)
+    second = fit_of(model, known, cells, setting, noise, problem.followed(known.values))
+    return replace(second, known_stderrs={} if spread is None else {"R": spread}, **quality)
 
 
 def _knots_with_rows(knots: Floats, slip: Floats) -> list[int]:
@@ -456,24 +461,24 @@ def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[f
 def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: float) -> tuple[float, float | None]:
     """Mean slip acceleration R, m/s^2, up to the slip ratio `top`, and its standard deviation from test to test.
 
-    It is the time-weighted mean over the tests that reach `top` from below; if none does, over all tests. Tests that
-    begin far below `top` are preferred, as the slip rises faster near the peak. R is 0 for an empty record; the
-    deviation is None if fewer than two tests reach `top`.
+    R is the time-weighted mean over the tests that reach `top` from below, or over all tests if none reaches it. Tests
+    that begin far below `top` are preferred, because the slip rises faster near the peak. `radius` in m,
+    `initial_speed` in m/s. R is 0 for an empty record; the deviation is None if fewer than two tests reach `top`.
     """
     slip = 1.0 - radius * record.omega / record.speed
     test = whole_tests(record.time, np.zeros(len(record)), record.run.astype(np.int64))
     cuts = np.flatnonzero(np.diff(test)) + 1
-    ways = []
+    ramps = []
     for time, of_test in zip(np.split(record.time, cuts), np.split(slip, cuts), strict=True):
         if len(time) > 1 and of_test[0] < top:
             up = of_test >= top
             end = int(np.argmax(up)) if up.any() else -1
             gain = initial_speed * (of_test[end] - of_test[0])
-            ways.append((time[end] - time[0], gain, float(up.any()), float(of_test[0] < _FAR_BELOW * top)))
-    if not ways:
+            ramps.append((time[end] - time[0], gain, float(up.any()), float(of_test[0] < _WHOLE_TEST * top)))
+    if not ramps:
         return 0.0, None
-    duration, gain, arrived, whole = np.array(ways).T
-    kept = arrived > 0.0 if arrived.any() else np.ones(len(ways), dtype=bool)
+    duration, gain, arrived, whole = np.array(ramps).T
+    kept = arrived > 0.0 if arrived.any() else np.ones(len(ramps), dtype=bool)
     kept = kept & (whole > 0.0) if (kept & (whole > 0.0)).any() else kept
     duration, gain = duration[kept], gain[kept]
     mean = float(gain.sum() / duration.sum())
@@ -484,7 +489,7 @@ def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: floa
 
 
 def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitModel, float | None]:
-    """Add the ramp that defines the peak to a model, with a note; returns the model and the ramp's scatter or None."""
+    """Add the slip acceleration that defines the peak to a model, with a note; return model and scatter, or None."""
     R, source, spread = setting.given_acceleration, "as given", None
     if R is None:
         R, source, spread = setting.slip_acceleration, "the log's mean up to its peak", setting.acceleration_spread

@@ -26,7 +26,7 @@ from .models import FitModel, spline
 
 @dataclass(frozen=True)
 class Regimes:
-    """Split into adhesion below the slip ratio `boundary` and sliding above it; `source` names the peak used."""
+    """Regimes of slip: adhesion below the slip ratio `boundary`, sliding above it; `source` describes the boundary."""
 
     boundary: float
     source: str
@@ -46,7 +46,7 @@ class Regimes:
 
 
 def regimes_of(peak: float, model: str, cells: Cells, otherwise: Regimes) -> Regimes:
-    """Split at the `peak` (slip ratio) of a model if the data go past it, else as `otherwise`."""
+    """Split at the `peak` (slip ratio) of a model if the data go past it, else return `otherwise`."""
     if peak <= float(cells.slip.max()):  # false for NaN
         return Regimes(peak, f"the peak of {model}")
     return otherwise
@@ -60,16 +60,16 @@ def regimes_of_data(cells: Cells) -> Regimes:
 # --- fits side by side, as [Park2008] Table 3 ------------------------------------------------------------------------
 
 
-_LEAST_BY_PARAMETER = 2.0  # least independent samples for each parameter; the criteria assume many samples
+_LEAST_BY_PARAMETER = 2.0  # least independent samples for each parameter; AIC and BIC assume many samples
 
 
 @dataclass(frozen=True)
 class Score:
     """Goodness of a fit: |mean mu - model's mean mu| by bin of slip (`bin_error`), and information criteria.
 
-    The criteria use the number of `independent` samples, from the long-run variance of the noise, but at least the
-    number of stretches that gave it. The noise is the residual of the best model compared, so compare criteria only
-    within one comparison. Lower is better.
+    The criteria `aic` and `bic` use the number of `independent` samples, which follows from the long-run variance of
+    the noise but is at least the number of stretches used for this variance. The noise is the residual of the best
+    model, so criteria can only be compared within one comparison. Lower is better.
     """
 
     fit: Fit
@@ -92,11 +92,11 @@ def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
     noise = least.residual_squares / samples
     independent = samples
     if math.isfinite(least.long_run_variance) and least.long_run_variance > noise:
-        stretches = least.degrees_of_freedom + len(least.parameters)  # their sums are taken as independent
+        stretches = least.degrees_of_freedom + len(least.parameters)  # their sums are assumed independent
         independent = max(samples * noise / least.long_run_variance, float(stretches))
     scores = []
     for fit in fits:
-        parameters = len(fit.parameters) + 1  # the variance of the noise is one too
+        parameters = len(fit.parameters) + 1  # the variance of the noise is also a parameter
         # the lower limit avoids log(0) for data without noise
         deviance = independent * math.log(max(fit.residual_squares / samples, np.finfo(float).tiny))
         aic, bic = (deviance + each * parameters for each in (2.0, math.log(independent)))
@@ -104,7 +104,7 @@ def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
     return tuple(sorted(scores, key=lambda score: score.bic))
 
 
-FALSE_MISFIT = 0.01  #: significance level of the lack-of-fit test: a right formula is rejected at most this often
+FALSE_MISFIT = 0.01  #: significance level of the lack-of-fit test: at most this share of right formulas is rejected
 
 
 def misfit_probability(fit: Fit, table: Fit) -> float:
@@ -127,13 +127,13 @@ def is_misfit(fit: Fit, table: Fit | None) -> bool:
     return table is not None and misfit_probability(fit, table) < FALSE_MISFIT
 
 
-def departure(fit: Fit, table: Fit) -> float:
+def largest_difference(fit: Fit, table: Fit) -> float:
     """Largest difference of mu between a fit and a table, over the cells of a log."""
     return float(np.abs(fit.cell_coefficients - table.cell_coefficients).max())
 
 
-def too_few(scores: Sequence[Score]) -> str:
-    """Note if a model has too many parameters for the criteria; else empty."""
+def criteria_note(scores: Sequence[Score]) -> str:
+    """Note if a model has too many parameters for AIC and BIC; else empty."""
     if all(score.independent >= _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores):
         return ""
     return message("too few samples", independent=scores[0].independent)
@@ -141,11 +141,11 @@ def too_few(scores: Sequence[Score]) -> str:
 
 def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
     """Mean slip of each bin of the curve that holds samples, and |mean mu - model's mean mu| in it."""
-    place = np.minimum((cells.slip * BINS).astype(np.int64), BINS - 1)
-    n = np.bincount(place, cells.count, minlength=BINS)
+    index = np.minimum((cells.slip * BINS).astype(np.int64), BINS - 1)
+    n = np.bincount(index, cells.count, minlength=BINS)
     full = n > 0
-    error = np.bincount(place, cells.count * (cells.mu - fit.cell_coefficients), minlength=BINS)
-    slip = np.bincount(place, cells.count * cells.slip, minlength=BINS)
+    error = np.bincount(index, cells.count * (cells.mu - fit.cell_coefficients), minlength=BINS)
+    slip = np.bincount(index, cells.count * cells.slip, minlength=BINS)
     return slip[full] / n[full], np.abs(error[full] / n[full])
 
 
@@ -154,37 +154,37 @@ def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
 
 QUANTILE = 1.959963984540054  #: half width of a normal 95 % interval in standard errors, used for the peak
 
-LARGEST_LOSS = 0.02  #: largest share of the highest adhesion that a reference slip gives up for the peak's uncertainty
+LARGEST_LOSS = 0.02  #: largest share of the peak adhesion that a reference slip loses because the peak is uncertain
 
 OFF_THE_PEAK = 0.8
 """Largest ratio of reference slip to peak slip.
 
-At the peak the slip's pole changes sign, so margins there do not hold at slightly more slip. With this ratio a slip
-error of a quarter, as an envelope tolerates, just reaches the peak.
+At the peak the pole of the slip changes sign, so margins at the peak are not valid at slightly more slip. With this
+ratio a slip error of 25 %, as an envelope tolerates, just reaches the peak.
 """
 
 _UNKNOWN = (math.nan, math.nan)
-_LOWEST_SLIP = 1e-5  # a lower peak does not count: the law falls from the start
+_LOWEST_SLIP = 1e-5  # slip ratio; a law with a peak at a lower slip counts as falling from slip 0
 _STEP = 0.1  # difference step for the peak's derivatives, in standard errors, or sizes of a coordinate if less
 _PEAK_POINTS = 2000  # slips among which a table's peak is searched, 0.3 % apart
 _UNRESOLVED = 0.25  # of the distance between knots: resolution of the spline's peak
-_NEAR_PEAK = 2.0  # ratio of slips; the spline's error between knots within it counts for the peak
+_NEAR_PEAK = 2.0  # ratio of slips; knots within this ratio of the peak give the spline's error at the peak
 _SAME_SLIP = 1e-4  # relative tolerance of equal peak slips: root of the error of mu, 1e-8, at a flat maximum
-_LEAST_STEP = 1e-5  # least relative difference step; below it the rounding error of the peak, 1e-8, dominates
+_LEAST_STEP = 1e-5  # least relative difference step; for smaller steps the peak's rounding error, 1e-8, dominates
 
 
 @dataclass(frozen=True)
 class PeakSlip:
     """Peak of the adhesion at a speed, m/s, on a rail: slip ratio and mu; the slip is NaN for a law without a peak.
 
-    - slip_interval, coefficient_interval: 95 %. For a formula they come from the fit's covariance by the delta method,
-      and from the scatter of the ramp if the peak depends on it; they contain the table's interval, which assumes no
-      formula. An upper end is infinite if the log does not pass the peak.
-    - reference, reference_coefficient: reference slip, and mu there. It lies below the peak's 99 % interval, as the
-      wheel is unstable beyond the peak, unless that gives up more than `LARGEST_LOSS` of the adhesion. It is at most
-      `OFF_THE_PEAK` times the peak slip.
-    - by_rule: the wet law was made from the dry one by the law's rule, without standard errors.
-    - extrapolated: the log did not have this initial speed.
+    - slip_interval, coefficient_interval: 95 % intervals. For a formula they come from the fit's covariance by the
+      delta method, and from the scatter of the slip acceleration if the peak depends on it. They contain the table's
+      interval, which assumes no formula. An upper end is infinite if the log does not go past the peak.
+    - reference, reference_coefficient: reference slip, and mu at this slip. Because the wheel is unstable beyond the
+      peak, it lies below the peak's 99 % interval, unless this loses more than `LARGEST_LOSS` of the adhesion. It is at
+      most `OFF_THE_PEAK` times the peak slip.
+    - by_rule: true if the wet law was derived from the dry law by the law's rule, without standard errors.
+    - extrapolated: true if the log does not cover this initial speed.
     """
 
     speed: float
@@ -200,12 +200,12 @@ class PeakSlip:
 
     @property
     def slip_stderr(self) -> float:
-        """Longer side of the slip's interval over 1.96."""
+        """Standard error of the slip: longer side of its interval over 1.96."""
         return max(abs(end - self.slip) for end in self.slip_interval) / QUANTILE
 
     @property
     def coefficient_stderr(self) -> float:
-        """Longer side of the coefficient's interval over 1.96."""
+        """Standard error of mu: longer side of its interval over 1.96."""
         return max(abs(end - self.coefficient) for end in self.coefficient_interval) / QUANTILE
 
     @property
@@ -215,28 +215,29 @@ class PeakSlip:
 
     @property
     def basis(self) -> str:
-        """Source of the peak: "log" or "rule", with ", extrapolated" if it is."""
+        """Source of the peak: "log" or "rule", followed by ", extrapolated" if it is extrapolated."""
         source = "rule" if self.by_rule else "log"
         return f"{source}, extrapolated" if self.extrapolated else source
 
 
 def peak_of_law(law: AdhesionLaw, speed: float, wheel_load: float) -> PeakSlip:
     """Peak of a law with exact parameters, at a speed in m/s and a wheel load in N."""
-    found = peak(law, speed, wheel_load)
-    value = np.array([found.slip, found.coefficient])
+    top = peak(law, speed, wheel_load)
+    value = np.array([top.slip, top.coefficient])
     return _with_reference(law, speed, wheel_load, value, np.stack([value, value], axis=1))
 
 
 def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail, *, widest: Floats | None = None) -> PeakSlip:
-    """Peak of a fitted model with its uncertainty; on wet rail, from a dry law by the law's rule.
+    """Peak of a fitted model with its uncertainty, at a speed in m/s and a wheel load in N, on a rail.
 
-    `widest`, (2, 2), are (low, high) of slip and mu over the peak's, which the intervals must contain. InputError for
-    dry rail from a log on wet rail.
+    A law fitted on dry rail gives the peak on wet rail by its rule. `widest`, (2, 2), are the ends (low, high) of
+    intervals of slip and mu, relative to the peak, which the result must contain. InputError for dry rail if the log is
+    from wet rail.
     """
 
     def at(model: FitModel, values: np.ndarray) -> tuple[float, float]:
-        found = peak(model.make_force_law(values, fit.law.rail).on(rail), speed, wheel_load)
-        return found.slip, found.coefficient
+        top = peak(model.make_force_law(values, fit.law.rail).on(rail), speed, wheel_load)
+        return top.slip, top.coefficient
 
     law = fit.model.make_force_law(fit.values, fit.law.rail).on(rail)
     value = np.array(at(fit.model, fit.values))
@@ -247,10 +248,10 @@ def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail, *, widest
     if widest is not None:
         least, most = (value[:, None] * widest).T
         intervals = np.stack([np.fmin(intervals[:, 0], least), np.fmax(intervals[:, 1], most)], axis=1)
-    found = _with_reference(law, speed, wheel_load, value, intervals)
+    result = _with_reference(law, speed, wheel_load, value, intervals)
     if rail is fit.law.rail:
-        return found
-    return replace(found, slip_interval=_UNKNOWN, coefficient_interval=_UNKNOWN, by_rule=True)
+        return result
+    return replace(result, slip_interval=_UNKNOWN, coefficient_interval=_UNKNOWN, by_rule=True)
 
 
 def drift(
@@ -261,9 +262,9 @@ def drift(
     shown: tuple[float, float] = (0.0, math.inf),
     widest: Floats | None = None,
 ) -> tuple[PeakSlip, ...]:
-    """Peaks over speeds (m/s), on the rail of the log and on wet rail.
+    """Peaks at several speeds (m/s) and a wheel load (N), on the rail of the log and on wet rail.
 
-    `shown` are the lowest and highest initial speed of the log; `widest` as of `peak_of_fit`.
+    `shown` are the lowest and highest initial speed of the log, m/s; `widest` as in `peak_of_fit`.
     """
     rails = dict.fromkeys((fit.law.rail, Rail.WET))
     peaks = [peak_of_fit(fit, speed, wheel_load, rail, widest=widest) for rail in rails for speed in speeds]
@@ -271,7 +272,7 @@ def drift(
 
 
 def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]) -> tuple[str, ...]:
-    """Notes on peaks of a model that do not come from the log, one sentence each; `shown` as of `drift`."""
+    """Notes on peaks of a model that do not come from the log, one sentence each; `shown` as in `drift`."""
     notes = []
     if any(peak.extrapolated for peak in peaks):
         low, high = (f"{speed / KMH:.4g}" for speed in shown)
@@ -288,7 +289,7 @@ def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]
 
 def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
     """Standard errors of the peak's slip and mu, by the delta method in the search coordinates."""
-    coordinates, covariance = fit.known.coordinates, fit.known.coordinate_covariance
+    coordinates, covariance = fit.estimate.coordinates, fit.estimate.coordinate_covariance
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     if not len(known):
         return math.nan, math.nan
@@ -310,9 +311,9 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
 def table_intervals(table: Fit) -> Floats:
     """95 % intervals of slip and mu at the peak of a fitted table: ((low, high), (low, high)).
 
-    A slip belongs to the interval if its mu is below the highest by at most the error of the difference. The error is
-    that of the values plus that of the spline between its knots, estimated by the difference from a spline with every
-    second knot. The upper ends are infinite if the log ends within the interval.
+    A slip belongs to the interval if its mu is below the highest mu by at most the error of the difference. This error
+    is that of the table's values, plus that of the spline between its knots. The latter is estimated by the difference
+    from a spline with every second knot. The upper ends are infinite if the log ends within the interval.
     """
     knots, noise = table.model.knots, np.diag(table.covariance)
     slip = np.geomspace(knots[0], knots[-1], _PEAK_POINTS)
@@ -322,10 +323,10 @@ def table_intervals(table: Fit) -> Floats:
     misfit = 0.0
     if table.coarse is not None:
         near = np.abs(np.log(knots / slip[top])) <= math.log(_NEAR_PEAK)
-        # values at half as many knots have half the variance, so the difference has the other half
+        # with half as many knots the values have half the variance, so the difference has the other half
         squares = (table.coarse - table.values)[near] ** 2 - np.nan_to_num(noise[near]) / 2.0
         misfit = math.sqrt(max(float(squares.mean()), 0.0)) if near.any() else math.inf
-    unknown = np.diag(np.where(np.isnan(noise), mu[top] ** 2, 0.0))  # of values that the data do not determine
+    unknown = np.diag(np.where(np.isnan(noise), mu[top] ** 2, 0.0))  # variance of values that are not identifiable
     covariance = np.nan_to_num(table.covariance) + unknown
 
     def error(of: Floats) -> Floats:
@@ -335,47 +336,48 @@ def table_intervals(table: Fit) -> Floats:
     half = float(error(weights[top : top + 1])[0])
     ends = slip[within[[0, -1]]]
     unresolved = _UNRESOLVED * np.interp(ends, knots[1:], np.diff(knots))
-    found = np.array([ends + unresolved * [-1.0, 1.0], mu[top] + [-half, half]])
+    intervals = np.array([ends + unresolved * [-1.0, 1.0], mu[top] + [-half, half]])
     if within[-1] == len(slip) - 1:
-        found[:, 1] = math.inf
-    return found
+        intervals[:, 1] = math.inf
+    return intervals
 
 
-def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, found: Floats, intervals: Floats) -> PeakSlip:
-    slip, coefficient = found.tolist()
+def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, value: Floats, intervals: Floats) -> PeakSlip:
+    """Build a peak with its reference slip; `value` is (slip, mu), `intervals` are theirs."""
+    slip, coefficient = value.tolist()
     (low, high), (least, most) = np.maximum(intervals, 0.0).tolist()
     if slip <= _LOWEST_SLIP:
         return PeakSlip(speed, law.rail, math.nan, _UNKNOWN, coefficient, (least, most))
-    found_peak = PeakSlip(speed, law.rail, slip, (low, high), coefficient, (least, most))
+    without_reference = PeakSlip(speed, law.rail, slip, (low, high), coefficient, (least, most))
     lowest = _rising_slip(law, speed, wheel_load, slip, (1.0 - LARGEST_LOSS) * coefficient)
     if lowest <= _LOWEST_SLIP:
-        return found_peak
-    surely = found_peak.lowest_slip if math.isfinite(found_peak.lowest_slip) else -math.inf
-    reference = min(max(surely, lowest), OFF_THE_PEAK * slip)
+        return without_reference
+    below = without_reference.lowest_slip if math.isfinite(without_reference.lowest_slip) else -math.inf
+    reference = min(max(below, lowest), OFF_THE_PEAK * slip)
     mu_at_reference = float(adhesion_coefficient(law, speed, reference, wheel_load))
-    return replace(found_peak, reference=reference, reference_coefficient=mu_at_reference)
+    return replace(without_reference, reference=reference, reference_coefficient=mu_at_reference)
 
 
 def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, coefficient: float) -> float:
-    """Slip below the peak at which the law has a coefficient."""
+    """Slip ratio below the peak slip `top` at which the law has a given adhesion coefficient."""
     from scipy.optimize import brentq
 
     if float(adhesion_coefficient(law, speed, _LOWEST_SLIP, wheel_load)) >= coefficient:
         return _LOWEST_SLIP
-    found = brentq(
+    root = brentq(
         lambda slip: float(adhesion_coefficient(law, speed, slip, wheel_load)) - coefficient, _LOWEST_SLIP, top
     )
-    return float(found)
+    return float(root)
 
 
 # --- parameters over the initial speed: [Park2008] (30)-(32) ---------------------------------------------------------
 
 
-HIGHEST_DEGREE = 2  #: of the polynomials, as in (30)-(32)
+HIGHEST_DEGREE = 2  #: highest degree of the polynomials, as in (30)-(32)
 
 _IMPROBABLE = 0.01  # significance level for a warning about a misfit
 
-_SAME_SPEED = 0.01  # relative: initial speeds nearer than this count as equal
+_SAME_SPEED = 0.01  # relative difference below which initial speeds count as equal
 
 
 @dataclass(frozen=True)
@@ -383,7 +385,7 @@ class ParameterPolynomial:
     """A parameter as a polynomial of the initial speed v0 in km/h: the sum of coefficients[k] v0^k, SI.
 
     It is fitted to the `values` at `speeds_kmh`. `misfit_probability` is the p-value of the chi-squared test of the
-    values against it; NaN if it passes through all of them, or too few standard errors are known.
+    values against it; NaN if it passes through all values, or if too few standard errors are known.
     """
 
     name: str
@@ -395,7 +397,7 @@ class ParameterPolynomial:
 
     @property
     def misses(self) -> str:
-        """Warning if the values are farther from the polynomial than their errors explain; else empty."""
+        """Warning if the values differ from the polynomial by more than their errors explain; else empty."""
         if not self.misfit_probability < _IMPROBABLE:
             return ""
         return message("misses", name=self.name, probability=self.misfit_probability)
@@ -416,14 +418,14 @@ class ParameterPolynomial:
 
 
 def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> tuple[ParameterPolynomial, ...]:
-    """Polynomials of the fitted parameters of one model, weighted by their standard errors if all have one.
+    """Polynomials of the fitted parameters of one model, weighted by the standard errors if all values have one.
 
-    `initial_speeds` in m/s. The degree is 2, or the number of distinct speeds less one. A log whose fit leaves a
-    parameter on a bound at infinity is left out for that parameter.
+    `initial_speeds` in m/s. The degree is 2, or the number of distinct speeds less one if that is lower. If a fit has a
+    parameter on a bound at infinity, its log is not used for that parameter.
     """
     v0 = np.array(initial_speeds) / KMH
     degree = _degree(v0)
-    found = []
+    polynomials = []
     for i, name in enumerate(fits[0].model.names):
         values = np.array([fit.parameters[i].value for fit in fits])
         # an infinite standard error means that the interval has no upper end
@@ -431,8 +433,8 @@ def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> 
         stderrs = np.array([math.inf if math.isnan(p.stderr) and math.isinf(p.interval[1]) else p.stderr for p in own])
         coefficients, covariance = _weighted(v0, values, stderrs, degree)
         misfit = _misfit_probability(coefficients, v0, values, stderrs)
-        found.append(ParameterPolynomial(name, coefficients, covariance, v0, values, misfit))
-    return tuple(found)
+        polynomials.append(ParameterPolynomial(name, coefficients, covariance, v0, values, misfit))
+    return tuple(polynomials)
 
 
 def _misfit_probability(coefficients: Floats, v0: Floats, values: Floats, stderrs: Floats) -> float:
@@ -446,18 +448,19 @@ def _misfit_probability(coefficients: Floats, v0: Floats, values: Floats, stderr
     return float(chi2.sf(np.sum(error[known] ** 2), freedom))
 
 
-def of_known(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, Floats]:
-    """Coefficients, as of `over_initial_speed`, of the law's parameters that were not fitted."""
+def known_polynomials(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, Floats]:
+    """Polynomial coefficients, as in `over_initial_speed`, of the law's parameters that were not fitted."""
     v0 = np.array(initial_speeds) / KMH
     model = fits[0].model
-    found = {}
+    coefficients = {}
     for name in model.law.parameter_names():
         values = [fit.model.known.get(name) for fit in fits]
         numbers = np.array([value for value in values if isinstance(value, float)])
         if name not in model.names and len(numbers) == len(fits):
             constant = bool(np.all(numbers == numbers[0]))
-            found[name] = numbers[:1] if constant else _weighted(v0, numbers, np.full(len(v0), np.nan), _degree(v0))[0]
-    return found
+            unknown = np.full(len(v0), np.nan)
+            coefficients[name] = numbers[:1] if constant else _weighted(v0, numbers, unknown, _degree(v0))[0]
+    return coefficients
 
 
 def _degree(v0: Floats) -> int:

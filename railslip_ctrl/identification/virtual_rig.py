@@ -1,8 +1,9 @@
 """Virtual brake rig: simulates the adhesion test of [Park2008] pp. 49-51, and writes its log.
 
 The wheel rolls freely at v0, then the brake torque rises on a ramp. Beyond the adhesion peak the slip grows even at
-constant torque. At half slip the brake is released (Fig. 12). Flywheels with the inertia of the quarter car slow down
-like the train. A random adhesion force and sensor noise scatter the results. The adhesion may differ from test to test.
+constant torque. At a slip ratio of 0.5 the brake is released (Fig. 12). Flywheels with the inertia of the quarter car
+slow down like the train. A random adhesion force and sensor noise scatter the results. The adhesion may differ from
+test to test.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "bra
 """Header of a written log."""
 
 RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
-"""Brake of the rig. Assumed values: it releases fast enough that the wheel does not lock after half slip."""
+"""Brake of the rig. With these assumed values the brake releases before the wheel locks."""
 
 
 class RigProcedure:
     """Controller of a rig test.
 
-    From `begin`, s, the torque rises at `rate`, N*m/s, until the slip ratio exceeds `release_slip`. Then the torque
-    falls at `fall`, N*m/s. `period` is the sampling period, s, and `radius` the wheel's radius, m.
+    From the time `begin`, s, the torque rises at `rate`, N*m/s, until the slip ratio exceeds `release_slip`. Then the
+    torque falls at `fall`, N*m/s. `period` is the sampling period, s, and `radius` the wheel's radius, m.
     """
 
     name = "rig-procedure"
@@ -69,13 +70,14 @@ class RigTest:
     """Conditions and sensors of a rig test, SI.
 
     - vehicle: gives the wheel, the mass and the wheel load.
+    - law: the true adhesion law.
     - brake: dead time and lag of the rig's brake.
     - initial_speed: speed of free rolling before the brake is applied.
     - rate, release_slip: the torque rises at `rate`, N*m/s, until the slip passes `release_slip`.
     - interval: sampling interval of the log, s.
-    - random_force: standard deviation, N, of the random adhesion force, drawn anew in each interval.
+    - random_force: standard deviation, N, of the random adhesion force, which has a new value in each interval.
     - wheel_noise, speed_noise, torque_noise: standard deviations of a sample, rad/s, m/s, N*m.
-    - encoder: if given, it measures the wheel's speed; `wheel_noise` is then not used.
+    - encoder: measures the wheel's speed if given; `wheel_noise` is then not used.
     - torque_offset: sensor offset added to the measured torque, N*m.
     - spread: standard deviation of the logarithm of the adhesion from test to test.
 
@@ -113,10 +115,10 @@ _STEP = 1e-3  # integration step, s
 
 
 def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> Rows:
-    """Simulate `tests` rig tests at the same conditions and return their rows as one log, with a pause between tests.
+    """Simulate rig tests at the same conditions and return their rows as one log, with a pause between tests.
 
-    Each test ends one second after the release. InputError if the flywheels stop before the slip reaches
-    `release_slip`.
+    `tests` is the number of tests, `seed` that of all random numbers. Each test ends one second after the release.
+    InputError if the flywheels stop before the slip reaches `release_slip`.
     """
     if not 1 <= tests <= 10_000:
         raise InputError(f"tests: {tests} is not allowed; give an integer from 1 to 10000")
@@ -189,9 +191,9 @@ def write_log(log: Rows, path: Path) -> None:
 # --- a brake trial with known adhesion, to test an observer ----------------------------------------------------------
 
 # The trial follows [Park2008] Fig. 12: the wheel rolls freely, the brake torque rises until the slip passes a bound,
-# the brake is released, and the wheel recovers. An observer's lag error is its error with ideal sensors, including the
-# half interval by which an encoder's speed is late. Its noise error is the H2 norm. The two errors are independent, so
-# their squares add.
+# the brake is released, and the wheel speeds up again. The lag error of an observer is its error with ideal sensors,
+# including the half interval by which an encoder's speed is late. Its noise error is the H2 norm. The two errors are
+# independent, so their squares add.
 
 _SLOWEST = 1.0  # m/s; below it the slip ratio has no meaning
 _COMMANDS = 1e-4  # period of the torque commands, s: steps of 6 N*m at the default `fall`
@@ -224,9 +226,9 @@ class BrakeCourse:
 class BrakeTrial:
     """True signals of a brake trial at constant intervals; SI, arrays of one length.
 
-    `time` grows in constant intervals. `speed` is the train's; `rim_speed` (v - sigma), `omega` and `angle` are the
-    wheel's. `brake_torque` and `adhesion_torque` act on the wheel. The brake is applied at `brake_time`; its release
-    begins at `release_time`.
+    `speed` is that of the train; `rim_speed` (v - sigma), `omega` and `angle` are those of the wheel. `brake_torque`
+    and `adhesion_torque` act on the wheel. The brake is applied at `brake_time`; its release begins at `release_time`.
+    The samples are at `time`.
     """
 
     time: Floats

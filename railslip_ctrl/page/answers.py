@@ -34,19 +34,19 @@ from railslip_ctrl.simulation import Simulator
 from railslip_ctrl.simulation.scenario import with_patch
 
 POINTS = 600  #: number of points of each line of a plot
-_STEP_TIME = 16.0  # duration of step responses, in units of dead time plus lag; a usable loop has settled by then
-_CELLS = 17, 13  # cells of the map of two parameters that are not the gains of a PI
+_STEP_TIME = 16.0  # duration of step responses, in units of dead time plus lag; usable loops settle within this time
+_CELLS = 17, 13  # columns and rows of the map of two parameters, for controllers other than a PI
 _SAMPLES = 400  # points of a line of a braking run
-_PATCH = 3.0  # s; time at the initial speed until the wet patch, and across it
+_PATCH = 3.0  # s at the initial speed: distance to the wet patch, and length of the patch
 
 Answer = tuple[dict[str, Any], dict[str, Floats]]
 Request = Mapping[str, Any]
 
 
-def answered(bench: Workbench, name: str, request: Request) -> bytes:
-    """Return the answer to a request of `ANSWERS` as the page reads it; InputError for an invalid design.
+def encoded_answer(bench: Workbench, name: str, request: Request) -> bytes:
+    """Return the answer to the request `name` of `ANSWERS`, encoded for the page; InputError for an invalid design.
 
-    The answer is the length of the head, the head as JSON, and the arrays as 32-bit floats.
+    The bytes are the length of the head, the head as JSON, and the arrays as 32-bit floats.
     """
     with np.errstate(all="ignore"):
         head, arrays = ANSWERS[name](bench, request)
@@ -89,7 +89,7 @@ def start_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def _kind(control: Controller) -> dict[str, Any]:
-    """Return title and parameters of a kind, whether its gains can be tuned, and whether it has a linear loop."""
+    """Return title and parameters of a kind, whether `tune` can find its gains, and whether it has a linear loop."""
     loop = isinstance(control, LinearControl) or control.kind in structures()
     return {"title": control.title, "tuned": isinstance(control, PI), "loop": loop, "sliders": control.design_numbers()}
 
@@ -97,7 +97,7 @@ def _kind(control: Controller) -> dict[str, Any]:
 def loop_answer(bench: Workbench, request: Request) -> Answer:
     """Return exact margins, Nyquist, Bode, step and load response of one operating point.
 
-    It is the point of the request, or the hardest one at or above its speed `from` (km/h). This answer is the fastest.
+    The request may give the point; otherwise it is the hardest point at or above the request's speed `from`, km/h.
     """
     control = _control(bench, request)
     _, points = bench.points(control)
@@ -127,7 +127,7 @@ def loop_answer(bench: Workbench, request: Request) -> Answer:
     if own is not None:
         return head, {**arrays, **dict(zip(("time", "step", "load"), own.responses(end, POINTS, **steps), strict=True))}
     if not isinstance(loop, DeadTimeLoop):
-        return {**head, "no_step": "a discrete controller has no step response here; see the braking run"}, arrays
+        return {**head, "no_step": "no step response for a discrete controller; see the braking run"}, arrays
     times = np.linspace(0.0, end, POINTS)
     try:
         step, load = slip_responses(control.linear(None), plant, brake, times, **steps)
@@ -137,7 +137,7 @@ def loop_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def envelope_answer(bench: Workbench, request: Request, *, nominal: bool = True) -> Answer:
-    """Return the verdict at the operating points, and over speed and load the worst Ms and its lower bound."""
+    """Return the verdict at the operating points, and the worst Ms and its lower bound over speed and load."""
     control = _control(bench, request)
     envelope, points = bench.points(control, nominal=nominal)
     judgement = judge_points(envelope, control, points, nominal=nominal)
@@ -155,7 +155,7 @@ def envelope_answer(bench: Workbench, request: Request, *, nominal: bool = True)
 
 
 def verdict_answer(bench: Workbench, request: Request) -> Answer:
-    """Return the same as `envelope_answer`, with every tolerance."""
+    """Return the answer of `envelope_answer` with every tolerance."""
     return envelope_answer(bench, request, nominal=False)
 
 
@@ -182,7 +182,7 @@ def region_answer(bench: Workbench, request: Request) -> Answer:
     """Return the map of a design's parameters.
 
     - a PI: regions of (kp, ki) that stabilise the loops or keep Ms below a level, at a few of the hardest operating
-      points, or with `all` at every one
+      points, or with `all` at every operating point
     - another kind: the worst Ms at a few of the hardest points, over a grid of the two parameters named by `axes`
     """
     kind, values, reference = _design(request)
@@ -219,7 +219,7 @@ def tune_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def file_answer(bench: Workbench, request: Request) -> Answer:
-    """Return the text of a file of the design."""
+    """Return the text of a file of the design, whose `name` is in `FILES`."""
     name, control = str(request.get("name")), _control(bench, request)
     if name not in FILES:
         raise InputError(f"file: give one of {', '.join(FILES)}")

@@ -11,17 +11,17 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.workbench import Workbench
 from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 
-from .server import Desk, PageServer
+from .server import Dispatcher, PageServer
 
 _HEIGHT = 1100  # height of the frame, CSS pixels; shows the map and four plots without scrolling
 
 
 class DesignPage(ExitStack):
-    """Design page, served at `address` until `close()`; made by `design_page`."""
+    """Design page, served at `address` until `close()`; returned by `design_page`."""
 
     def __init__(self, bench: Workbench, port: int) -> None:
         super().__init__()
-        server = self.enter_context(PageServer(self.enter_context(Desk(bench).opened()), port))
+        server = self.enter_context(PageServer(self.enter_context(Dispatcher(bench).opened()), port))
         threading.Thread(target=server.serve_forever, daemon=True).start()
         self.callback(server.shutdown)
         self.address = server.address
@@ -43,7 +43,8 @@ def design_page(envelope: Envelope | Vehicle = PARK2008, controller: Any = None,
     - controller: first design: a controller, its class, a linear system or a design of `tune`; default: a PI-lead.
     - port: port number on 127.0.0.1; 0: any free port.
 
-    Served until its `close()` or the end of Python. InputError: no named parameters, no operating points, port in use.
+    The page is served until its `close()` or the end of Python. InputError if the controller has no named parameters,
+    the envelope has no operating points, or the port is in use.
     """
     number("port", port, ge=0, le=65_535)
     return DesignPage(Workbench(Envelope(envelope) if isinstance(envelope, Vehicle) else envelope, controller), port)

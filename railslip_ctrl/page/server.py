@@ -1,7 +1,8 @@
-"""Serve the page on 127.0.0.1: check requests, limit their number, and drop outdated ones.
+"""Serve the page on 127.0.0.1: check requests, limit their number, and drop outdated requests.
 
 A request is answered if its address has the token, its Host header is this server, and its Origin header, if any, is
-the page itself. Requests for the loop are answered in this process and never wait; the others in further processes.
+the page itself. Requests for the loop are answered in this process and never wait; other requests are answered in
+further processes.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ from railslip_ctrl.core.units import shown
 from railslip_ctrl.design.workbench import Workbench
 from railslip_ctrl.model.adhesion import AdhesionLaw
 
-from .answers import ANSWERS, answered
+from .answers import ANSWERS, encoded_answer
 
 LARGEST_REQUEST = 65_536  #: largest request, bytes; those of the page have up to about 2000
-_CONNECTIONS = 64  # largest number of open connections; a browser opens 6 a tab
+_CONNECTIONS = 64  # largest number of open connections; a browser opens 6 for each tab
 _TIMEOUT = 30.0  # s; a connection is closed after this time without data
 _WAITING = 24  # largest number of slow requests at once
-_TABS = 64  # number of tabs whose newest requests are remembered
+_TABS = 64  # number of tabs whose newest request numbers are stored
 _FAST = ("start", "loop")  # requests answered in this process
-_MEDIUM = ("envelope", "stops")  # requests with a process of their own; the others take seconds, a report a minute
+_MEDIUM = ("envelope", "stops")  # requests with a separate process; other requests take seconds, a report a minute
 _FILES = {"": "html", "page.css": "css", "page.js": "javascript"}
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
@@ -46,8 +47,8 @@ _POLICY = (
 )
 
 
-class Desk:
-    """Answers the requests of all tabs; each tab numbers its requests."""
+class Dispatcher:
+    """Answers the requests of all tabs of a workbench; each tab numbers its requests."""
 
     def __init__(self, bench: Workbench) -> None:
         own = [law for law in bench.envelope.laws if isinstance(law, AdhesionLaw)]
@@ -58,18 +59,18 @@ class Desk:
         self._pools: list[tuple[threading.Semaphore, Callable[..., Any]]] = []
 
     @contextmanager
-    def opened(self) -> Iterator[Desk]:
-        """Start the processes for slow requests; a thread instead if they cannot import a class that is the user's."""
+    def opened(self) -> Iterator[Dispatcher]:
+        """Start the processes for slow requests, or a thread if a process cannot import a class of the user."""
         with processes(1) as medium, processes(2) as slow, ThreadPoolExecutor(1) as thread:
-            answer = partial(_answered_in_process, self._sent) if self._sent else partial(answered, self.bench)
+            answer = partial(_answer_in_process, self._sent) if self._sent else partial(encoded_answer, self.bench)
             pools = ((1, medium), (2, slow)) if self._sent else ((1, thread.submit), (1, thread.submit))
             self._pools = [(threading.Semaphore(count), partial(submit, answer)) for count, submit in pools]
             yield self
 
     def answer(self, name: str, client: str, turn: int, request: dict[str, Any]) -> bytes | None:
-        """Return the answer, or None if the tab has sent a newer request of this name.
+        """Return the answer, or None if the tab `client` has sent a newer request of this name than number `turn`.
 
-        InputError as in `answered`; Full if too many slow requests are waiting.
+        InputError as in `encoded_answer`; Full if too many slow requests are waiting.
         """
         key = client, name
         self._newest[key] = max(turn, self._newest.pop(key, turn))
@@ -77,15 +78,15 @@ class Desk:
             self._newest.pop(next(iter(self._newest)), None)
         if name in _FAST:
             with self._lock:
-                return answered(self.bench, name, request) if self._newest.get(key, turn) <= turn else None
+                return encoded_answer(self.bench, name, request) if self._newest.get(key, turn) <= turn else None
         if not self._waiting.acquire(blocking=False):
             raise Full
         try:
             free, submit = self._pools[name not in _MEDIUM]
             with free:
                 return submit(name, request).result() if self._newest.get(key, turn) <= turn else None
-        except BrokenExecutor:  # its processes were ended, or import a script that serves the page again: answer here
-            return answered(self.bench, name, request)
+        except BrokenExecutor:  # the processes were ended, or they import a script that would serve the page again
+            return encoded_answer(self.bench, name, request)
         finally:
             self._waiting.release()
 
@@ -97,25 +98,25 @@ def _bench(sent: bytes) -> Workbench:
     return Workbench(*pickle.loads(sent))
 
 
-def _answered_in_process(sent: bytes, name: str, request: dict[str, Any]) -> bytes:
-    return answered(_bench(sent), name, request)
+def _answer_in_process(sent: bytes, name: str, request: dict[str, Any]) -> bytes:
+    return encoded_answer(_bench(sent), name, request)
 
 
 class PageServer(ThreadingHTTPServer):
-    """HTTP server of a desk, at an `address` with a token; InputError if the port is not available.
+    """HTTP server of a `dispatcher`, at an `address` with a token; InputError if the port is not available.
 
-    On a port that the user chooses the token is the same after a restart, so that open pages continue.
+    On a port that the user chooses, the token is the same after a restart, so that open pages reconnect.
     """
 
     daemon_threads, request_queue_size = True, 128
 
-    def __init__(self, desk: Desk, port: int = 0) -> None:
+    def __init__(self, dispatcher: Dispatcher, port: int = 0) -> None:
         try:
             super().__init__(("127.0.0.1", port), _Handler)
         except OSError as error:
             raise InputError(f"port: {port} is not available ({error.strerror or error}); give another") from None
         token = secrets.token_hex(20)
-        self.desk, self.token = desk, private_text("page", f"token-{port}", token) if port else token
+        self.dispatcher, self.token = dispatcher, private_text("page", f"token-{port}", token) if port else token
         self.hosts = [f"{host}:{self.server_port}" for host in ("127.0.0.1", "localhost")]
         self.address = f"http://{self.hosts[0]}/{self.token}/"
         folder = files(__package__).joinpath("static")
@@ -175,7 +176,7 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Host", "") not in hosts:
             self._reject(HTTPStatus.FORBIDDEN, "the Host header is not this server")
         elif not secrets.compare_digest(token.encode("utf-8", "replace"), self.server.token.encode()):
-            self._reject(HTTPStatus.FORBIDDEN, "the address has no token, or an old one; open the printed address")
+            self._reject(HTTPStatus.FORBIDDEN, "the address has no valid token; open the printed address")
         elif self.headers.get("Origin", f"http://{hosts[0]}").removeprefix("http://") not in hosts:
             self._reject(HTTPStatus.FORBIDDEN, "only the page itself may send requests")
         else:
@@ -188,13 +189,13 @@ class _Handler(BaseHTTPRequestHandler):
             turn = request.get("turn", 0) if isinstance(request, dict) else None
             if isinstance(turn, bool) or not isinstance(turn, int) or not 0 <= turn < 2**53:
                 raise InputError(f"{shown(request)} is not a request; give an object whose turn is a whole number >= 0")
-            answer = self.server.desk.answer(name, str(request.get("client", ""))[:40], turn, request)
-        except (RailslipError, ArithmeticError) as error:  # numbers that are allowed one by one can overflow together
+            answer = self.server.dispatcher.answer(name, str(request.get("client", ""))[:40], turn, request)
+        except (RailslipError, ArithmeticError) as error:  # numbers that are allowed singly can overflow together
             self._reject(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
         except (UnicodeDecodeError, json.JSONDecodeError, RecursionError):
             self._reject(HTTPStatus.BAD_REQUEST, "the request is not JSON")
         except Full:
-            self._reject(HTTPStatus.SERVICE_UNAVAILABLE, "busy; repeat the request")
+            self._reject(HTTPStatus.SERVICE_UNAVAILABLE, "the server is busy; repeat the request")
         else:
             self._send(HTTPStatus.NO_CONTENT if answer is None else HTTPStatus.OK, answer or b"")
 

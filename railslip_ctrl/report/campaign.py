@@ -1,4 +1,4 @@
-"""Text and JSON of a campaign and of a repeated run."""
+"""Campaign, and a repeated run of it, as text and JSON."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def measure_head(measure: Measure) -> str:
 
 
 def quantity_heads(campaign: Campaign) -> dict[str, str]:
-    """Return the heads of the quantities' columns by name: the shortest unique end of the path, and the unit."""
+    """Return column heads of the varied quantities by name: the shortest unique end of the path, with the unit."""
     endings = {
         name: [name.split(".", dots)[-1] for dots in range(name.count("."), -1, -1)]  # shortest first
         for name in campaign.quantity_units
@@ -53,14 +53,17 @@ def campaign_text(summary: CampaignSummary) -> str:
     parts: list[RenderableType] = [heading(f"Campaign: {summary.runs} runs of {summary.campaign.scenario.name}")]
     parts += [Facts(_campaign_facts(summary)), heading("Outcomes", "-"), _outcome_table(summary)]
     if failed := _failures(summary):
-        parts += [*failed, Text("The averages below exclude them.")]
+        parts += [*failed, Text("The averages below do not include these runs.")]
     parts.append(heading("Runs that stopped", "-"))
     if summary.any_stopped:
         parts += [_mean_table(summary), _quantile_table(summary), Text(_interval_note(summary))]
     else:
         parts.append(Text("None: there are no statistics and no pictures."))
     if summary.points:
-        parts += [heading("Grid: mean braking distance, m, and runs that did not stop", "-"), _grid_table(summary)]
+        parts += [
+            heading("Grid: mean braking distance, m, and share of unfinished stops", "-"),
+            _grid_table(summary),
+        ]
     if summary.paired:
         parts += [heading("Controllers on the same runs (second minus first)", "-"), _paired_table(summary)]
     parts += [heading(f"Worst runs by {measured(summary.worst_by).title}", "-"), *_worst(summary)]
@@ -71,28 +74,28 @@ def campaign_text(summary: CampaignSummary) -> str:
 def campaign_table(summary: CampaignSummary) -> str:
     """Return a table with one line for each controller."""
 
-    def row(found: ControllerSummary) -> tuple[str, ...]:
-        distance, slip = found.measures["braking_distance_m"], found.measures["max_slip"]
+    def row(item: ControllerSummary) -> tuple[str, ...]:
+        distance, slip = item.measures["braking_distance_m"], item.measures["max_slip"]
         levels = (distance.quantiles[level].value for level in (0.5, 0.95) if level in distance.quantiles)
-        ends = (*levels, distance.moments.high, slip.moments.high) if found.stopped else (None,) * 4
+        ends = (*levels, distance.moments.high, slip.moments.high) if item.stopped else (None,) * 4
         numbers = (_shown(measured("max_slip"), value, 4) for value in ends)
-        return (found.name, f"{found.stopped} of {summary.runs}", *numbers, _percent(found.locked))
+        return (item.name, f"{item.stopped} of {summary.runs}", *numbers, _percent(item.locked))
 
     heads = ("controller", "stopped", "median (m)", "95 % (m)", "worst (m)", "highest slip", "locked (%)")
-    return render([Table(heads, [row(found) for found in summary.controllers.values()])]).strip("\n")
+    return render([Table(heads, [row(item) for item in summary.controllers.values()])]).strip("\n")
 
 
 def replay_text(replayed: Replay) -> str:
     """Return the report of a repeated run of a campaign."""
     rows = [("Sampled", ", ".join(f"{name} {fixed(value)}" for name, value in replayed.values.items()) or "nothing")]
-    known = "equal to the stored row to the last bit" if replayed.stored else "the folder does not have this run yet"
+    known = "bit for bit equal to the stored row" if replayed.stored else "the folder does not contain this run yet"
     rows.append(("Compared", known))
     rows += [(name, _end(run)) for name, run in replayed.runs.items()]
     cells = [
         (measure_head(measure), *(_shown(measure, measure.of(run)) for run in replayed.runs.values()))
         for measure in MEASURES
     ]
-    return render([heading(f"Run {replayed.number} again"), Facts(rows), Table(("measure", *replayed.runs), cells)])
+    return render([heading(f"Run {replayed.number}, repeated"), Facts(rows), Table(("measure", *replayed.runs), cells)])
 
 
 def replay_json(replayed: Replay) -> dict[str, Any]:
@@ -114,14 +117,14 @@ def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
         **exported(summary.campaign, "seed", "sampling", **named),
         **exported(summary, "runs", "complete", "worst_by"),
         "quantities": _quantity_texts(summary),
-        "controllers": {name: _controller_json(found) for name, found in summary.controllers.items()},
+        "controllers": {name: _controller_json(item) for name, item in summary.controllers.items()},
         "paired": [exported(pair, "first", "second", "measure", "pairs", **pair_names) for pair in summary.paired],
         "points": [
             {
                 **exported(point, "values", "not_stopped"),
                 "means": [
-                    {"controller": name, "measure": measure, **plain(found)}
-                    for (name, measure), found in point.means.items()
+                    {"controller": name, "measure": measure, **plain(item)}
+                    for (name, measure), item in point.means.items()
                 ],
             }
             for point in summary.points
@@ -129,7 +132,7 @@ def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
     }
 
 
-def _controller_json(found: ControllerSummary) -> dict[str, Any]:
+def _controller_json(item: ControllerSummary) -> dict[str, Any]:
     shares = {"failed_runs": "failed", "share_not_stopped": "not_stopped", "share_locked": "locked"}
     moments = {"count": "count", "mean": "estimate", "std": "std", "min": "low", "max": "high"}
     measures = {
@@ -138,9 +141,9 @@ def _controller_json(found: ControllerSummary) -> dict[str, Any]:
             **exported(measure.moments, **moments),
             "quantiles": {f"{level:g}": plain(value) for level, value in measure.quantiles.items()},
         }
-        for name, measure in found.measures.items()
+        for name, measure in item.measures.items()
     }
-    return exported(found, "outcomes", "worst", **shares) | {"measures": measures}
+    return exported(item, "outcomes", "worst", **shares) | {"measures": measures}
 
 
 # --- text -----------------------------------------------------------------------------------------------------------
@@ -149,10 +152,10 @@ def _controller_json(found: ControllerSummary) -> dict[str, Any]:
 def _campaign_facts(summary: CampaignSummary) -> list[tuple[str, str]]:
     campaign = summary.campaign
     rows = [("Controllers", ", ".join(campaign.controller_names))]
-    rows += [("Varied", text) for text in _quantity_texts(summary) or ["nothing but the noise"]]
+    rows += [("Varied", text) for text in _quantity_texts(summary) or ["only the noise"]]
     rows.append(("Sampling", f"{campaign.sampling.value}, seed {campaign.seed}"))
     if not summary.complete:
-        rows.append(("Unfinished", f"{summary.runs} of {campaign.runs} runs; the same command continues"))
+        rows.append(("Unfinished", f"{summary.runs} of {campaign.runs} runs; the same command continues the campaign"))
     return rows
 
 
@@ -172,13 +175,13 @@ def _quantity_text(quantity: Quantity, unit: str) -> str:
 
 def _outcome_table(summary: CampaignSummary) -> RenderableType:
     outcomes = [o.value for o in Outcome]
-    found = {o for c in summary.controllers.values() for o in c.outcomes}
-    columns = [o for o in [*outcomes, *sorted(found - set(outcomes))] if o in found]
+    present = {o for c in summary.controllers.values() for o in c.outcomes}
+    columns = [o for o in [*outcomes, *sorted(present - set(outcomes))] if o in present]
     rows = [
         (c.name, *(str(c.outcomes.get(o, 0)) for o in columns), _percent(c.not_stopped), _percent(c.locked))
         for c in summary.controllers.values()
     ]
-    return Table(("controller", *columns, "not stopped, %", "locked at some time, %"), rows)
+    return Table(("controller", *columns, "not stopped, %", "wheel locked at some time, %"), rows)
 
 
 def _failures(summary: CampaignSummary) -> list[RenderableType]:
@@ -194,22 +197,22 @@ def _mean_table(summary: CampaignSummary) -> RenderableType:
     rows = []
     for measure in MEASURES:
         for c in summary.controllers.values():
-            found, moments = c.measures[measure.name], c.measures[measure.name].moments
+            statistics, moments = c.measures[measure.name], c.measures[measure.name].moments
             spread = (moments.std, moments.low, moments.high) if moments.count else (None, None, None)
-            runs = str(moments.count) + (f" ({found.excluded} without)" if found.excluded else "")
+            runs = str(moments.count) + (f" ({statistics.excluded} without)" if statistics.excluded else "")
             numbers = (_shown(measure, value, 3) for value in spread)
             rows.append(
                 (measure_head(measure), c.name, runs, _with_interval(moments.estimate, measure.scale), *numbers)
             )
-    return Table(("measure", "controller", "runs", "mean", "std", "least", "most"), rows, left=2)
+    return Table(("measure", "controller", "runs", "mean", "std", "min", "max"), rows, left=2)
 
 
 def _quantile_table(summary: CampaignSummary) -> RenderableType:
     rows = []
     for measure in MEASURES:
         for c in summary.controllers.values():
-            found = c.measures[measure.name].quantiles
-            cells = [_with_interval(found[level], measure.scale) if level in found else "-" for level in LEVELS]
+            quantiles = c.measures[measure.name].quantiles
+            cells = [_with_interval(quantiles[level], measure.scale) if level in quantiles else "-" for level in LEVELS]
             rows.append((measure_head(measure), c.name, *cells))
     head = ("measure", "controller", *("median" if level == 0.5 else f"{100 * level:g} %" for level in LEVELS))
     return Table(head, rows, left=2)
@@ -225,13 +228,13 @@ def _end(run: Run) -> str:
 
 def _interval_note(summary: CampaignSummary) -> str:
     note = (
-        f"In brackets the {100 * CONFIDENCE:g} % interval: of a mean Student's, of a quantile between two order "
-        "statistics, of a share Wilson's; a bound left out cannot be given from so few runs."
+        f"Brackets contain the {100 * CONFIDENCE:g} % interval: Student's for a mean, between two order statistics for "
+        "a quantile, Wilson's for a share. A missing bound needs more runs."
     )
     if summary.campaign.sampling is not Sampling.RANDOM:
-        note += " They are those of independent runs: with points laid out evenly means are better known than that."
+        note += " The intervals assume independent runs; evenly spaced points make means more accurate."
     if summary.points:
-        note += " Over the whole grid they describe its points taken equally often."
+        note += " Over the whole grid, statistics weight all points equally."
     return note
 
 
@@ -255,7 +258,7 @@ def _paired_table(summary: CampaignSummary) -> RenderableType:
 
 
 def _worst(summary: CampaignSummary) -> list[RenderableType]:
-    """Return the numbers of runs that did not stop, then a table of the worst runs that stopped."""
+    """Return the numbers of runs that did not stop, and a table of the worst runs that stopped."""
     heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     rows = [
         (c.name, str(row["run"]), _shown(measure, row[measure.name]), *(fixed(row[name]) for name in heads))
@@ -266,14 +269,14 @@ def _worst(summary: CampaignSummary) -> list[RenderableType]:
     return [*failed, *([Table(("controller", "run", measure_head(measure), *heads.values()), rows)] if rows else [])]
 
 
-def _with_interval(found: Estimate, scale: float = 1.0) -> str:
+def _with_interval(estimate: Estimate, scale: float = 1.0) -> str:
     """Return a value with its interval in brackets, with as many digits as the interval justifies."""
-    value, low, high = (scale * v for v in found)
+    value, low, high = (scale * v for v in estimate)
     if math.isnan(value):
         return "-"
     known = [end for end in (low, high) if math.isfinite(end)]
     half = max((abs(end - value) for end in known), default=0.0)
-    # the last digit is about a tenth of the interval
+    # the last digit is about a tenth of the half interval
     digits = 3 if half == 0.0 or abs(value) <= half else min(7, 2 + math.ceil(math.log10(abs(value) / half)))
     if not known:
         return fixed(value, digits)
@@ -281,8 +284,8 @@ def _with_interval(found: Estimate, scale: float = 1.0) -> str:
     return f"{fixed(value, digits)} [{low_text}, {high_text}]"
 
 
-def _percent(found: Estimate) -> str:
-    if math.isnan(found.value):
+def _percent(estimate: Estimate) -> str:
+    if math.isnan(estimate.value):
         return "-"
-    low, high = (fixed(100 * end, 3) for end in found[1:])
-    return f"{fixed(100 * found.value, 3)} [{low}, {high}]"
+    low, high = (fixed(100 * end, 3) for end in estimate[1:])
+    return f"{fixed(100 * estimate.value, 3)} [{low}, {high}]"

@@ -1,6 +1,6 @@
 """Candidates of a design report, and their order.
 
-A candidate is judged by its margins, then by the stops as given and, if it can still win, by the harder stops.
+A candidate is judged by its margins, then by the nominal stops and, if it can still be the best, by the harder stops.
 """
 
 from __future__ import annotations
@@ -32,47 +32,48 @@ from .stops import Stop, as_reference, as_run, harder_stops, locks_at_once, oper
 SEEKING = Seeking.kind
 
 TIE = 0.02
-"""Relative difference of two mean stops, or of two worst Ms, that counts as equal."""
+"""Relative difference below which two mean stops, or two worst Ms, count as equal."""
 
 PREFERENCES = ("distance", "robustness")
 
-NOT_RUN = "not run further"
-"""Reason of a candidate without harder stops: others are better in the stops as given."""
+NOT_RUN = "not run in the harder stops"
+"""Reason of a candidate that did not run the harder stops: others are better in the nominal stops."""
 
 NEARLY_UNSTABLE = 50.0
 """Largest worst Ms with tolerances of a candidate that qualifies, a ratio.
 
-|1 + L| is then at least 1/50, so that an error of 2 % in the loop gain, as from a worn wheel, makes no loop unstable.
+|1 + L| is then at least 1/50. Therefore an error of 2 % in the loop gain, as from a worn wheel, makes no loop unstable.
 """
 
 FASTER = (0.75, 0.5, 0.25)
-"""Factors on dead time and lag of the brakes that are tried if no candidate qualifies."""
+"""Factors on dead time and lag of the faster brakes that are tried if no candidate qualifies."""
 
 HELD_SHARE = 0.75
-"""Reference slip of a kind with a rule, over the envelope's: below the peak, as in most tuned designs."""
+"""Reference slip of the untuned controllers over that of the envelope: below the peak, as in most tuned designs."""
 
-MOST_LINEAR = 3  # most robust linear designs that run in stops: the most robust one need not have the shortest stop
+MOST_LINEAR = 3  # number of linear designs that run in stops; the most robust one may not have the shortest stop
 
-_LATEST = 0.5  # largest hand-over speed over the highest speed: slip is then controlled over at least 3/4 of the stop
+_LATEST = 0.5  # largest hand-over speed over the highest speed; slip is then controlled over 3/4 of the stop or more
 
-_COMPLETE = 2  # number of qualified candidates with harder stops: the best and the runner-up
+_COMPLETE = 2  # number of qualified candidates that run the harder stops: the best two
 
-_NEAR = 0.1  # relative difference of mean stops as given, or of worst Ms, that the harder stops may reverse
+_NEAR = 0.1  # relative difference of nominal mean stops, or of worst Ms, that the harder stops may reverse
 
 Beside = Callable[..., Callable[[], Any]]
-"""Function that starts a function with its arguments in another process and returns a function for the result.
+"""Function that starts another function with its arguments in a second process; it returns a function for the result.
 
-Without another process the result is computed on that call.
+Without a second process, the call for the result computes it.
 """
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate in the stops of the report.
+    """A candidate with its results in the stops of the report.
 
     - above_kmh: speed, km/h, above which it qualifies; None, with the `reason`, if it does not qualify.
     - lowest_kmh: lowest speed, km/h, that counts for its worst Ms.
-    - stops: stops as given; harder: stops with errors, and on a changing rail, empty if it cannot win.
+    - stops: nominal stops.
+    - harder: stops with errors and on a changing rail; empty if it cannot be the best.
     """
 
     choice: StructureChoice
@@ -94,24 +95,24 @@ class Trial:
         return _mean(stopping_distance(run) for stop in (*self.stops, *self.harder) for run in stop.runs)
 
     def distance_as_given(self) -> float:
-        """Mean braking distance of the stops as given, m; inf if a run does not stop."""
+        """Mean braking distance of the nominal stops, m; inf if a run does not stop."""
         return _mean(stopping_distance(run) for stop in self.stops for run in stop.runs)
 
     @property
     def air(self) -> float:
-        """Mean torque filled in over a stop, over the vehicle's full brake torque."""
+        """Mean air consumption: sum of all rises of the brake torque in a stop over the full brake torque, a ratio."""
         return _mean(stop.air for stop in (*self.stops, *self.harder))
 
     @property
     def locked(self) -> int:
-        """Number of stops in which the wheel locks at a speed at which slip is controlled."""
+        """Number of stops in which the wheel locks above the hand-over speed."""
         return sum(stop.locked_from > self.control.controlled_from for stop in (*self.stops, *self.harder))
 
     @cached_property
     def worst_ms(self) -> float:
         """Worst Ms over the speeds in use, with tolerances unless only operating points are judged.
 
-        It is inf if a loop is unstable, and for a controller without margins.
+        inf if a loop is unstable or the controller has no margins.
         """
         if self.judgement is None:
             return math.inf
@@ -121,23 +122,23 @@ class Trial:
 
 
 def _mean(values: Iterable[float]) -> float:
-    found = list(values)
-    return sum(found) / len(found) if found else math.inf
+    result = list(values)
+    return sum(result) / len(result) if result else math.inf
 
 
 def ordered(trials: Sequence[Trial], prefer: str = "distance") -> list[Trial]:
     """Sort the trials, the best first.
 
-    Candidates that qualify come first, by mean stop: of all within `TIE` of the shortest, the one with the least worst
-    Ms, then with the least air. If robustness is preferred, by worst Ms: of all within `TIE` of the least, the one with
-    the shortest mean stop. The others follow by the number of stops as given with a locked wheel, then by their mean.
+    Candidates that qualify come first, sorted by mean stop. Those within `TIE` of the shortest are sorted by worst Ms,
+    then by air consumption. If `prefer` is "robustness", mean stop and worst Ms are exchanged. The other candidates
+    follow, sorted by the number of nominal stops with a locked wheel, then by the mean nominal stop.
     """
     first, second = (Trial.distance, _worst) if prefer == "distance" else (_worst, Trial.distance)
-    good = sorted((one for one in trials if one.above_kmh is not None), key=first)
+    good = sorted((trial for trial in trials if trial.above_kmh is not None), key=first)
     limit = (1 + TIE) * first(good[0]) if good else 0.0
-    level = [one for one in good if first(one) <= limit]
-    level.sort(key=lambda one: (second(one), one.air))
-    rest = sorted((one for one in trials if one.above_kmh is None), key=_as_given)
+    level = [trial for trial in good if first(trial) <= limit]
+    level.sort(key=lambda trial: (second(trial), trial.air))
+    rest = sorted((trial for trial in trials if trial.above_kmh is None), key=_as_given)
     return [*level, *good[len(level) :], *rest]
 
 
@@ -148,67 +149,68 @@ def _worst(trial: Trial) -> float:
 def _as_given(trial: Trial) -> tuple[bool, int, float]:
     return (
         not trial.stops,
-        sum(one.locked_from > trial.control.controlled_from for one in trial.stops),
+        sum(stop.locked_from > trial.control.controlled_from for stop in trial.stops),
         trial.distance_as_given(),
     )
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """Smallest change of the brake tried with which a controller qualifies, and the trial of this controller."""
+    """Smallest improvement of the brake with which a controller qualifies, and the trial of this controller."""
 
     description: str
     trial: Trial
 
 
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
-    """Run the harder stops for trials that can win, and sort the trials, the best first.
+    """Run the harder stops for trials that can be the best, and sort all trials, the best first.
 
-    They run from the best as given on until `_COMPLETE` qualify, and for all within `_NEAR` of the first. If none
-    qualifies, the least bad trial and slide protection run them too.
+    The trials run in the order of their nominal stops until `_COMPLETE` qualify, and further if they are within `_NEAR`
+    of the first. If none qualifies, the least bad trial and slide protection run the harder stops. If `nominal`, none
+    runs them, unless none qualifies. `submit` starts functions in a second process.
     """
-    if nominal and any(one.above_kmh is not None for one in trials):
+    if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)
     key = Trial.distance_as_given if prefer == "distance" else _worst
-    waiting = sorted((one for one in trials if one.above_kmh is not None), key=key)
-    done = [one for one in trials if one.above_kmh is None]
+    waiting = sorted((trial for trial in trials if trial.above_kmh is not None), key=key)
+    done = [trial for trial in trials if trial.above_kmh is None]
     good: list[Trial] = []
     while waiting:
         near = good and key(waiting[0]) <= (1 + _NEAR) * key(good[0])
         if len(good) >= _COMPLETE and not near:
             break
         now, waiting = waiting[:2], waiting[2:]
-        # a kind by rule runs in its earlier process, which has its compiled step
-        here = next((one for one in now if one.choice.structure not in named(envelope.vehicle)), now[0])
-        apart = {i: submit(_completed, one, envelope) for i, one in enumerate(now) if one is not here}
+        # an untuned controller runs in the second process, which has compiled its step
+        here = next((trial for trial in now if trial.choice.structure not in named(envelope.vehicle)), now[0])
+        apart = {i: submit(_completed, trial, envelope) for i, trial in enumerate(now) if trial is not here}
         mine = _completed(here, envelope)
         ran = [apart[i]() if i in apart else mine for i in range(len(now))]
-        good += [one for one in ran if one.above_kmh is not None]
-        done += [one for one in ran if one.above_kmh is None]
-    done += [replace(one, above_kmh=None, reason=NOT_RUN) for one in waiting]
+        good += [trial for trial in ran if trial.above_kmh is not None]
+        done += [trial for trial in ran if trial.above_kmh is None]
+    done += [replace(trial, above_kmh=None, reason=NOT_RUN) for trial in waiting]
     if good:
         return ordered([*good, *done], prefer)
-    found = ordered([_with_stops(one, envelope) for one in done], prefer)
+    result = ordered([_with_stops(trial, envelope) for trial in done], prefer)
     return [
-        _with_harder(one, envelope)
-        if not nominal and (one is found[0] or one.choice.structure == SlideProtection.kind)
-        else one
-        for one in found
+        _with_harder(trial, envelope)
+        if not nominal and (trial is result[0] or trial.choice.structure == SlideProtection.kind)
+        else trial
+        for trial in result
     ]
 
 
 def _completed(trial: Trial, envelope: Envelope) -> Trial:
-    """Trial with the harder stops; if it then does not qualify, that of a later hand-over."""
-    found = _with_harder(trial, envelope)
-    if found.above_kmh is not None:
-        return found
+    """Run the harder stops; if the trial then does not qualify, try higher hand-over speeds."""
+    result = _with_harder(trial, envelope)
+    if result.above_kmh is not None:
+        return result
     if trial.choice.structure in named(envelope.vehicle):
-        return rule_trial(trial.choice.structure, envelope, False, True) or found
+        return rule_trial(trial.choice.structure, envelope, False, True) or result
     return linear_trial(trial.choice, False, True)
 
 
 def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
-    """Trial with the stops as given, and the reasons why it does not qualify."""
+    """Run the nominal stops of a trial that has none, and update the reasons why it does not qualify."""
     if trial.stops:
         return trial
     judgement = trial.judgement or unjudged(envelope)
@@ -216,7 +218,7 @@ def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
-    """Trial with the harder stops, and the reasons why it does not qualify."""
+    """Run the harder stops of a trial that has none, and update the reasons why it does not qualify."""
     if trial.harder:
         return trial
     judgement = trial.judgement or unjudged(envelope)
@@ -224,16 +226,16 @@ def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def named(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the package's controllers for a vehicle that need no tuning."""
+    """Names of the controllers of the package that need no tuning for a vehicle."""
     own = ("asmc", "scheduled") if is_published(vehicle) and not is_tuned_when_asked("scheduled", vehicle) else ()
     return (*BY_RULE, *own)
 
 
 def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Trial | None:
-    """Trial of a controller of the package by name; None if it has no rule for the brake.
+    """Trial of a controller of the package by name; None if it has no parameters for the vehicle.
 
-    It is judged, if it has a loop, at the envelope's slips or at those that it finds. If `hard`, it runs the harder
-    stops too. If it does not qualify and its reference fades, later hand-overs are tried.
+    A controller with margins is judged at the slips of the envelope, or at those that it finds itself. If `hard`, it
+    also runs the harder stops. If it does not qualify and has a fade speed, higher hand-over speeds are tried.
     """
     try:
         control = controller_named(name, envelope.vehicle)
@@ -250,21 +252,21 @@ def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Tria
         control, envelope = control.model_copy(update={"reference": less}), envelope.at(reference=less)
     if reason := no_margins(control):
         return _trial(StructureChoice(name, HELD_SHARE, None, reason), control, unjudged(envelope), 0.0, hard)
-    found = _judged(name, control, envelope, nominal, hard)
-    if found.above_kmh is not None or "fade_speed" not in type(control).model_fields:
-        return found
-    for later in _handed_over_later(control, envelope, found.judgement):
+    result = _judged(name, control, envelope, nominal, hard)
+    if result.above_kmh is not None or "fade_speed" not in type(control).model_fields:
+        return result
+    for later in _handed_over_later(control, envelope, result.judgement):
         if not locks_at_once(later, unjudged(envelope), later.controlled_from, hard=hard):
             other = _judged(name, later, envelope, nominal, hard)
             if other.above_kmh is not None:
                 return other
-    return found
+    return result
 
 
 def _handed_over_later(control: Any, envelope: Envelope, judged: Judgement | None) -> Iterator[Controller]:
-    """Copies of a controller that hand over at higher speeds of the envelope, up to `_LATEST` of the highest.
+    """Copies of a controller with higher hand-over speeds: speeds of the envelope, up to `_LATEST` of the highest.
 
-    Only a controller whose reference fades has them, at speeds at which it was judged robust.
+    Only speeds at which the controller is robust are used. The fade speed increases in the same ratio.
     """
     robust = None if judged is None else judged.robust_from_kmh
     for speed in sorted(envelope.speeds):
@@ -284,17 +286,17 @@ def _judged(name: str, control: Controller, envelope: Envelope, nominal: bool, h
 def _trial(
     choice: StructureChoice, control: Controller, judgement: Judgement, robust: float | None, hard: bool
 ) -> Trial:
-    """Trial of a controller that is robust above a speed, km/h, or at no speed.
+    """Trial of a controller that is robust above the speed `robust`, km/h; None if it is robust at no speed.
 
-    If its margins qualify it runs the stops; if `hard` and no wheel locks there, the harder ones too.
+    If its margins qualify, it runs the nominal stops. If it still qualifies and `hard`, it runs the harder stops.
     """
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0 if judgement.controller else 0.0
-    found = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
-    if not found.reason:
-        found = _concluded(replace(found, stops=stops(control, judgement)), judgement)
-    if hard and not found.reason:
-        found = _concluded(replace(found, harder=harder_stops(control, judgement)), judgement)
-    return found
+    result = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
+    if not result.reason:
+        result = _concluded(replace(result, stops=stops(control, judgement)), judgement)
+    if hard and not result.reason:
+        result = _concluded(replace(result, harder=harder_stops(control, judgement)), judgement)
+    return result
 
 
 def _concluded(trial: Trial, judgement: Judgement) -> Trial:
@@ -303,12 +305,12 @@ def _concluded(trial: Trial, judgement: Judgement) -> Trial:
 
 
 def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
-    """Reasons why a trial does not qualify."""
+    """Yield the reasons why a trial does not qualify."""
     over, robust = trial.control.controlled_from / KMH, trial.robust_kmh
     if robust is None:
         yield "robust at no speed"
     elif robust > max(_LATEST * max(judgement.envelope.speeds), min(judgement.envelope.speeds)):
-        yield f"robust from {robust:g} km/h up alone"
+        yield f"robust only from {robust:g} km/h up"
     elif robust > max(over, min(judgement.envelope.speeds)) * (1 + 1e-9):
         yield f"robust from {robust:g} km/h up, but it controls slip from {over:.3g} km/h"
     elif trial.judgement is not None and trial.worst_ms > NEARLY_UNSTABLE:
@@ -322,16 +324,17 @@ def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
 
 
 def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
-    """Trial of a linear choice, judged at the operating points alone if `nominal`; if `hard`, with the harder stops.
+    """Trial of a tuned linear design; if `nominal`, without tolerances; if `hard`, with the harder stops.
 
-    It is handed over above the speeds at which it is not robust or a wheel locks, up to `_LATEST` of the highest.
+    The hand-over speed is the lowest one above which the design is robust and no wheel locks, at most `_LATEST` of the
+    highest speed.
     """
-    assert choice.design is not None, "a choice of the best tier is a design"
+    assert choice.design is not None, "only choices with a design are tried"
     design, judgement = choice.design, choice.design.judgement
     if nominal:
         judgement = judge(judgement.envelope, judgement.controller, nominal=True)
         choice = replace(choice, design=replace(design, judgement=judgement))
-    assert isinstance(design.controller, PI), "as select tunes them"
+    assert isinstance(design.controller, PI), "`select` tunes only PI and PI-lead"
     plain = design.controller.system
     robust, begins = judgement.robust_from_kmh, hand_over_of(judgement)
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
@@ -342,18 +345,18 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
         control = as_run(plain, judgement, speed if begins else 0.0)
         if first is not None and locks_at_once(control, judgement, speed * KMH, hard=hard):
             continue
-        found = _trial(choice, control, judgement, None if robust is None else speed, hard)
-        first = first or found
-        if found.above_kmh is not None:
-            return replace(found, lowest_kmh=speed)
+        result = _trial(choice, control, judgement, None if robust is None else speed, hard)
+        first = first or result
+        if result.above_kmh is not None:
+            return replace(result, lowest_kmh=speed)
     assert first is not None
     return first
 
 
 def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
-    """First of the `FASTER` brakes with which a kind by rule qualifies; the least bad kind is tried first.
+    """First of the `FASTER` brakes with which an untuned controller qualifies; the least bad one is tried first.
 
-    Less slip and a later hand-over were tried before, by the tuning and by the trials.
+    Tuning and trials have already tried smaller slips and higher hand-over speeds.
     """
     names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
     old = envelope.vehicle.actuator
@@ -361,22 +364,22 @@ def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Rem
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
         faster = envelope.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
         for name in names:
-            found = rule_trial(name, faster, nominal, not nominal)
-            if found is not None and found.above_kmh is not None:
-                return Remedy(f"dead time {actuator.dead_time:.3g} s and lag {actuator.lag:.3g} s", found)
+            result = rule_trial(name, faster, nominal, not nominal)
+            if result is not None and result.above_kmh is not None:
+                return Remedy(f"dead time {actuator.dead_time:.3g} s and lag {actuator.lag:.3g} s", result)
     return None
 
 
 def unjudged(envelope: Envelope) -> Judgement:
-    """Operating points of an envelope as a judgement without a controller."""
+    """Judgement without a controller, which holds only the operating points of an envelope."""
     return Judgement(None, envelope, True, envelope.points(nominal=True), None)  # type: ignore[arg-type]
 
 
 def no_margins(controller: Any) -> str:
-    """Reason why a controller that runs has no margins; empty if it has margins."""
+    """Reason why a controller has no stability margins; empty if it has margins."""
     thing = controller.thing.thing if isinstance(controller, StepControl) else controller
     if isinstance(thing, Controller):
         own = type(thing)
         linear = own.linear is not Controller.linear or own.loop is not Controller.loop
         return "" if linear else "not linear"
-    return "known by its step alone" if has_step(thing) and not callable(linear_of(thing)) else ""
+    return "known only by its step" if has_step(thing) and not callable(linear_of(thing)) else ""

@@ -1,4 +1,4 @@
-"""The derivation and the errata as text, Markdown, LaTeX and JSON; computes nothing."""
+"""Derivation of a sliding-mode law, and errata, as text, Markdown, LaTeX and JSON."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _ERRATUM = (
     *("where", "printed_latex", "derived_latex", "difference_latex"),
     *("agrees", "how", "sign_and_size", "explanation"),
 )
-_NO_FORMULA = "The law has no closed form: Ta is evaluated from these numbers outside the control law."
+_NO_FORMULA = "The adhesion law has no closed form: Ta is evaluated from these numbers outside the control law."
 
 
 def derivation_json(
@@ -40,7 +40,7 @@ def derivation_json(
     code: LawCode | None = None,
     numbers: Sequence[LawNumbers] = (),
 ) -> dict[str, Any]:
-    """Return a derivation as JSON: steps with method and check, the law, its `numbers` by rail, its `code`, errata."""
+    """Return a derivation as JSON: steps with method and check, law, its `numbers` by rail, its `code`, `errata`."""
     formulas = [None if rows.torque is None else f"T_b = {latex(rows.torque)}" for rows in numbers]
     of_rails = {
         rows.rail.value: {"parameters": dict(rows.parameters), "latex": formula}
@@ -93,7 +93,7 @@ def _outcome(derivation: Derivation | PredictiveDerivation) -> str:
     failed = [step.name for step in derivation.steps if not step.checked]
     if failed:
         return f"{len(failed)} of {len(derivation.steps)} steps FAIL their check: {', '.join(failed)}"
-    return f"all {len(derivation.steps)} steps hold their machine check"
+    return f"all {len(derivation.steps)} steps pass their machine check"
 
 
 def _verdict(row: Erratum) -> str:
@@ -125,12 +125,12 @@ def derivation_text(
         ]
     torque, law = _law(derivation)
     parts += [heading("Law", "-"), Padding(Text(f"{torque} = {plain(law)}"), (0, 0, 1, 4))]
-    for one in numbers:
-        parts += [heading(_numeric_title(one), "-"), Paragraph(_parameters(one))]
-        formula = _NO_FORMULA if one.torque is None else f"Tb = {plain(one.torque)}"
+    for item in numbers:
+        parts += [heading(_numeric_title(item), "-"), Paragraph(_parameters(item))]
+        formula = _NO_FORMULA if item.torque is None else f"Tb = {plain(item.torque)}"
         parts.append(Padding(Text(formula), (1, 0, 1, 4)))
     if errata:
-        parts.append(heading("Errata: as printed, and as derived", "="))
+        parts.append(heading("Errata: printed and derived formulas", "="))
     for row in errata:
         parts += [
             heading(f"{row.where}   {_verdict(row)} ({row.how})", "-"),
@@ -144,7 +144,7 @@ def derivation_text(
 
 
 def _sources(derivation: Derivation | PredictiveDerivation) -> list[str]:
-    """Return the references that the steps cite."""
+    """Return the sources that the steps cite."""
     return [
         f"[{key}] {text}"
         for key, text in SOURCES.items()
@@ -171,11 +171,11 @@ def derivation_document(
 ) -> str:
     """Return a derivation as "markdown" with LaTeX formulas, or as a "latex" document.
 
-    The LaTeX document needs the packages amsmath, geometry, graphicx and listings; it shrinks formulas that are too
-    wide.
+    The LaTeX document needs the packages amsmath, geometry, graphicx and listings. Formulas that are too wide are
+    scaled down.
     """
     template, escapes = {"markdown": ("derivation.md", _MARKDOWN), "latex": ("derivation.tex", _LATEX)}[form]
-    # other delimiters, because LaTeX uses braces
+    # delimiters without braces, because LaTeX uses braces
     names = ("block_start_string", "block_end_string", "variable_start_string", "variable_end_string")
     filling = environment("railslip_ctrl.report", **dict(zip(names, ("<%", "%>", "<<", ">>"), strict=True)))
     filling.filters |= {

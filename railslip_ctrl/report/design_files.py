@@ -1,4 +1,4 @@
-"""Files of a design: the controller's TOML, the Python script that makes it, and the page of its report."""
+"""Files of a design: controller as TOML, Python script that makes the controller, and page of its report."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from .recommendation import design_report
 
 
 def toml_text(envelope: Envelope, control: Controller) -> str:
-    """Return the controller's TOML text, for --controller of every command."""
+    """Return the controller as a TOML file, for --controller of every command."""
     return control.toml
 
 
 def script_text(envelope: Envelope, control: Controller) -> str:
-    """Return a Python script that makes envelope and controller, judges it, runs a stop, and saves the controller.
+    """Return a Python script that makes envelope and controller, judges the controller, runs a stop, and saves it.
 
-    InputError for a user's own kind or adhesion law, because the script would have to load its file.
+    InputError for a user's own controller class or adhesion law, because the script does not load files.
     """
     kind = type(control)
     if python_file(kind) is not None or any(isinstance(law, AdhesionLaw) for law in envelope.laws):
-        raise InputError("script: it cannot contain your own controller or adhesion law; save controller.toml instead")
+        raise InputError("script: cannot contain your own controller or adhesion law; save controller.toml instead")
     given = {**control.file_keys(), "name": control.label, "reference": control.reference}
     fields = type(envelope).model_fields
     changed = {n: getattr(envelope, n) for n in fields if n != "vehicle" and getattr(envelope, n) != fields[n].default}
@@ -71,16 +71,16 @@ def _plain(value: Any) -> Any:
 
 
 def report_text(envelope: Envelope, control: Controller) -> str:
-    """Return the page of `railslip report`, with the controller beside the recommendation."""
+    """Return the page of `railslip report`, which also judges this controller."""
     check_extra("html", "report")
-    found = design_report(envelope, given={control.label: control}, sliding=False)
+    report = design_report(envelope, given={control.label: control}, sliding=False)
     pictures = Pictures()
-    pictures.draw(lambda: import_module("railslip_ctrl.report.plots.designs").report_drawings(found), ("svg",))
+    pictures.draw(lambda: import_module("railslip_ctrl.report.plots.designs").report_drawings(report), ("svg",))
     svg = {name: forms["svg"] for name, forms in pictures.drawn.items()}
-    return page(first_page(found), design_sections(found), svg, "railslip design", found.date, found.seconds)
+    return page(first_page(report), design_sections(report), svg, "railslip design", report.date, report.seconds)
 
 
 FILES: Mapping[str, Callable[[Envelope, Controller], str]] = MappingProxyType(
     {"controller.toml": toml_text, "design.py": script_text, "report.html": report_text}
 )
-"""Functions that make the text of each file, by file name."""
+"""Functions that return the content of a file as text, by file name."""

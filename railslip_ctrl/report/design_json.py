@@ -1,4 +1,4 @@
-"""The design report of a vehicle as JSON."""
+"""Design report of a vehicle as JSON."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .export import exported, plain
 
 
 def _gains_json(choice: StructureChoice) -> dict[str, float | None]:
-    """Gains kp and ki of a candidate; null if it has none."""
+    """Gains kp and ki of a candidate, SI; null if it has none."""
     own = None if choice.design is None else choice.design.controller
     return {"kp_si": own.kp, "ki_si": own.ki} if isinstance(own, PI) else {"kp_si": None, "ki_si": None}
 
 
 def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[str, Any]:
-    """Recommendation, envelope, candidates, stops and limits for JSON; SI except for speeds in km/h."""
+    """Return recommendation, envelope, candidates, stops and limits as JSON, in SI except speeds in km/h."""
     judgement = report.judgement
     return {
         "version": __version__,
@@ -48,12 +48,12 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "seeking": [_stop_json(stop) for stop in (() if report.seeking is None else report.seeking.stops)],
         "given": [
             {
-                "name": one.name,
-                **({"verdict": None, "reason": one.reason} if one.judgement is None else one.judgement.table()),
-                **_from_speeds(one.judgement, one),
-                "stops": [_stop_json(stop) for stop in one.stops],
+                "name": item.name,
+                **({"verdict": None, "reason": item.reason} if item.judgement is None else item.judgement.table()),
+                **_from_speeds(item.judgement, item),
+                "stops": [_stop_json(stop) for stop in item.stops],
             }
-            for one in report.rivals
+            for item in report.rivals
         ],
         "prefer": report.prefer,
         "trials": [_trial_json(trial) for trial in report.trials],
@@ -69,17 +69,17 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "sliding": {
             "reason": report.sliding.reason,
             "predictive": [
-                exported(one, "name", "holds", "how")
-                for one in (() if report.sliding.found is None else report.sliding.found.conditions)
+                exported(item, "name", "holds", "how")
+                for item in (() if report.sliding.verification is None else report.sliding.verification.conditions)
             ],
         },
         "no_lock": [
             {
-                **exported(one.stop, "load", "rail", adhesion="law"),
-                **exported(one.found, "share", "outside_kmh"),
-                "reason": one.reason,
+                **exported(item.stop, "load", "rail", adhesion="law"),
+                **exported(item.certified, "share", "outside_kmh"),
+                "reason": item.reason,
             }
-            for one in report.released
+            for item in report.released
         ],
         "seconds": plain(report.seconds),
         "files": list(files),
@@ -87,7 +87,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
 
 
 def _trial_json(trial: Trial) -> dict[str, Any]:
-    """Trial of a candidate: the numbers that decide."""
+    """Numbers of a candidate that decide its rank."""
     return {
         **exported(trial.choice, "structure", "reference_factor"),
         "usable_from_kmh": used_from(trial),
@@ -123,14 +123,14 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
 def _from_speeds(judgement: Judgement | None, ran: DesignReport | Trial | Rival | None) -> dict[str, Any]:
     """Verdict, and the speeds, km/h, above which a controller is stable, robust, and usable.
 
-    Usable is robust, with controlled slip, and without a sliding wheel in its stops.
+    Usable means that it qualifies and controls slip.
     """
     named = {"stable_from_kmh": "usable_from_kmh"}
     return {**exported(judgement, "verdict", "robust_from_kmh", **named), "usable_from_kmh": used_from(ran)}
 
 
 def _stop_json(stop: Stop) -> dict[str, Any]:
-    """Stop: numbers of the longest seed, and the distances and highest slips of all seeds."""
+    """Results of a stop: those of the longest run, and distances and highest slips of all seeds."""
     of_stop = {"adhesion": "law", "held_slip": "settled_slip", "errors": "errors"}
     of_reference = {"reference_slip": "reference", "reference_reached": "reached"}
     of_run = {"braking_time_s": "braking_time", "braking_distance_m": "braking_distance"}

@@ -1,4 +1,4 @@
-"""Design report of a vehicle: its first page, the further sections, its text and its JSON."""
+"""Design report of a vehicle: first page, further sections, and text."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ from .document import (
     short,
 )
 from .page import typeset
-from .text import envelope_words, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
+from .text import envelope_text, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
 
 RECOMMENDED = "recommended.toml"
-"""Name of the file with the recommended design."""
+"""Name of the controller file with the recommended design."""
 
 _AXES = {
     "speed_kmh": "speed, km/h",
@@ -55,23 +55,23 @@ _AXES = {
     "lag_s": "lag, s",
 }
 MS_TO_WARN = 10.0
-"""Ms with tolerances above which the first page warns: a tenth of the loop's gain may make the loop unstable."""
+"""Ms with tolerances above which the first page warns, a ratio; a gain error of 10 % may then make a loop unstable."""
 
 _RANKED = {
-    "distance": f"shortest mean stop (within {100 * TIE:g} % least worst Ms, then least air)",
-    "robustness": f"least worst Ms (within {100 * TIE:g} % shortest mean stop, then least air)",
+    "distance": f"shortest mean stop (within {100 * TIE:g} %: smallest worst Ms, then least air)",
+    "robustness": f"smallest worst Ms (within {100 * TIE:g} %: shortest mean stop, then least air)",
 }
-_PAPER = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
-_MOST_WORDS = 60  # words of headline, why and what to do: read in a minute together with the numbers
-_MOST_NOTES = 8  # lines about points left out and reference slips at the peak
+_PAPER = "railslip reproduce --out DIR shows the errata of [Park2008] and the units that reproduce its numbers."
+_MOST_WORDS = 60  # words of headline, reasons, risks and actions; with the numbers they are read in a minute
+_MOST_NOTES = 8  # largest number of notes on skipped points and on reference slips near the peak
 
 
 # --- first page -----------------------------------------------------------------------------------------------------
 
 
 def first_page(report: DesignReport) -> FirstPage:
-    """First page: what to do, why, and at most ten numbers, to be read in a minute."""
-    headline, subject = _headline(report), _design_words(report)
+    """First page, which can be read in a minute: recommendation, reasons and at most ten numbers."""
+    headline, subject = _headline(report), _design_text(report)
     after = tuple(_not_judged(report))
     phrase = " ".join([headline, subject, *(text for _, text in after)])
     texts = _within(_MOST_WORDS - len(phrase.split()), _why(report), _risks(report), _steps(report))
@@ -86,10 +86,10 @@ def first_page(report: DesignReport) -> FirstPage:
             *_decided(report),
             *after,
             *([("Risk", risk)] if risk else []),
-            ("To do", to_do or f"Load {RECOMMENDED} and confirm it on the rig."),
+            ("To do", to_do or f"Load {RECOMMENDED} and confirm the design on the rig."),
             *_yours(report),
         ),
-        head=("", "", "case: adhesion law, rail, load"),
+        head=("", "", "Case: adhesion law, rail, load"),
         rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
     )
@@ -98,7 +98,7 @@ def first_page(report: DesignReport) -> FirstPage:
 def _headline(report: DesignReport) -> str:
     """Headline: use the design, use it above a speed, or do not use it."""
     if report.above_kmh is None:
-        return "NONE QUALIFIES; the least bad"
+        return "NO CONTROLLER QUALIFIES; the least bad:"
     at = " at the operating points" if report.nominal else ""
     top = max(report.envelope.speeds)
     to = "" if top >= report.envelope.initial_speed else f" TO {top:g} km/h"
@@ -109,7 +109,7 @@ def _headline(report: DesignReport) -> str:
 
 
 def used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
-    """Speed, km/h, above which a controller may be used and controls slip; None if it did not run."""
+    """Speed, km/h, above which a controller qualifies and controls slip; None if it does not qualify or did not run."""
     if ran is None or ran.above_kmh is None:
         return None
     if ran.judgement is None:
@@ -117,8 +117,8 @@ def used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
     return max(ran.above_kmh, round(ran.judgement.hand_over_kmh, 9))
 
 
-def _design_words(report: DesignReport) -> str:
-    """Recommended design with its numbers."""
+def _design_text(report: DesignReport) -> str:
+    """Recommended controller with its most important numbers."""
     if report.control is None:
         return "any PI or PI-lead"
     held = report.control.reference if report.control.follows_reference else None
@@ -130,7 +130,7 @@ def _design_words(report: DesignReport) -> str:
 
 
 def _why(report: DesignReport) -> Iterator[str]:
-    """Sentences about its margins and stops, the most important first."""
+    """Reasons for the recommendation, from margins and stops, the most important first."""
     if not report.trials:
         return
     best, judged = report.trials[0], report.in_use
@@ -139,7 +139,7 @@ def _why(report: DesignReport) -> Iterator[str]:
         return
     every = len(best.stops) + len(best.harder)
     if judged is None:
-        yield f"No wheel locks in {every} stops; it is not linear, and has no margins."
+        yield f"No wheel locks in {every} stops. The controller is not linear and has no margins."
         return
     phrase = f"Ms ≤ 2 at all {int(judged.points.operating.sum())} operating points"
     if not report.nominal:
@@ -147,38 +147,38 @@ def _why(report: DesignReport) -> Iterator[str]:
     yield f"{phrase}."
     factor = best.choice.reference_factor
     if factor < 1.0:
-        yield f"It holds {100 * factor:g} % of the reference slip."
+        yield f"The controller holds {100 * factor:g} % of the reference slip."
 
 
 def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """Lines about the decision, the runner-up with its cost in distance, and the stops."""
+    """Lines on the choice of the candidate, on the second best with its longer distance, and on the stops."""
     if not report.trials:
         return
     best, good = report.trials[0], report.qualified
     if not good:
         peer = report.peer
         locks = f"{best.locked} of {len(best.stops) + len(best.harder)}, mean {_metres(best)}"
-        phrase = f"the fewest stops with a locked wheel, {locks}"
+        phrase = f"fewest stops with a locked wheel: {locks}"
         if peer is not None and peer is not best:
-            phrase += f"; slide protection {peer.locked} of {len(peer.stops) + len(peer.harder)}, mean {_metres(peer)}"
-        remedy, tried = report.remedy, f"{100 * FASTER[-1]:g} % of its dead time and lag"
-        yield "Decides", f"{phrase}."
-        helps = f"none of the brakes tried, down to {tried}"
+            phrase += f"; slide protection: {peer.locked} of {len(peer.stops) + len(peer.harder)}, mean {_metres(peer)}"
+        remedy, tried = report.remedy, f"{100 * FASTER[-1]:g} % of dead time and lag"
+        yield "Choice", f"{phrase}."
+        helps = f"none of the faster brakes tried, down to {tried}"
         if remedy is not None:
             kind, mean = _kind(remedy.trial.choice), _metres(remedy.trial)
-            helps = f"a brake with {remedy.description}: {kind} then qualifies, {mean}"
-        yield "Would help", f"{helps}. Less slip, and hand-over at a higher speed, did not."
+            helps = f"a brake with {remedy.description}: {kind} then qualifies, mean stop {mean}"
+        yield "Remedy", f"{helps}. A smaller slip or a higher hand-over speed does not help."
     else:
         of, more = f"{len(good)} of {len(report.trials)} candidates qualify", _not_run(report)
-        of += f", {more} not run further" if more else ""
-        yield "Decides", f"{of}; {_RANKED[report.prefer]}: {_short(best)}."
+        of += f", {more} not run in the harder stops" if more else ""
+        yield "Choice", f"{of}; {_RANKED[report.prefer]}: {_short(best)}."
         if len(good) > 1:
             other = good[1]
             cost = 100 * (other.distance() / best.distance() - 1)
-            yield "Runner-up", f"{_kind(other.choice)}{_share(other)}: {_short(other)}; {cost:+.0f} % distance."
+            yield "Runner-up", f"{_kind(other.choice)}{_share(other)}: {_short(other)}; distance {cost:+.0f} %."
         else:
-            rest = "; ".join(f"{_kind(one.choice)} {one.reason}" for one in report.trials[1:3])
-            yield "Runner-up", f"none qualifies: {rest}."
+            rest = "; ".join(f"{_kind(item.choice)} ({item.reason})" for item in report.trials[1:3])
+            yield "Runner-up", f"no other candidate qualifies: {rest}."
     yield "Stops", _which(report, "")
 
 
@@ -187,18 +187,19 @@ def _not_run(report: DesignReport) -> int:
 
 
 def _short(trial: Trial) -> str:
-    """Numbers of a trial that decide."""
+    """Mean stop, worst Ms, air consumption and lowest speed of a trial, on which the choice depends."""
     ms = "no margins" if trial.judgement is None else f"worst Ms {ms_text(trial.worst_ms)}"
     start = used_from(trial)
-    from_speed = f", from {short(start)} km/h" if start else ""
-    return f"mean stop {_metres(trial)}, {ms}, air {trial.air:.2g} fillings{from_speed}"
+    from_speed = f", usable from {short(start)} km/h" if start else ""
+    return f"mean stop {_metres(trial)}, {ms}, air {trial.air:.2g} brake fillings{from_speed}"
 
 
 def _metres(trial: Trial) -> str:
+    """Mean braking distance; if a run does not stop, that of the nominal stops."""
     if math.isfinite(trial.distance()):
         return f"{short(trial.distance())} m"
     given = trial.distance_as_given()
-    return "no stop" if math.isinf(given) else f"{short(given)} m as given, else no stop"
+    return "infinite" if math.isinf(given) else f"{short(given)} m nominal, infinite in the harder stops"
 
 
 def _share(trial: Trial) -> str:
@@ -207,10 +208,10 @@ def _share(trial: Trial) -> str:
 
 
 def _which(report: DesignReport, sizes: str | None = None) -> str:
-    """Stops of the comparison, with the sizes of the errors unless `sizes` is given."""
+    """Describe the stops of the comparison; text in `sizes` replaces the sizes of the errors."""
     given, harder = report.stops, report.harder_stops
     laws = listed(dict.fromkeys(stop.law for stop in given))
-    phrase = f"{len(given)} as given, {len(given[0].runs)} noise seeds each"
+    phrase = f"{len(given)} nominal, {len(given[0].runs)} noise seeds each"
     wrong = [stop for stop in harder if stop.errors != CHANGES]
     if wrong:
         ends = (("dead time", report.envelope.dead_time), ("lag", report.envelope.lag), *ERRORS.items())
@@ -219,27 +220,27 @@ def _which(report: DesignReport, sizes: str | None = None) -> str:
         phrase += f"; {len(wrong)} with errors of sensors and brake{own}"
     changing = len(harder) - len(wrong)
     phrase += f"; {changing} on a rail that {CHANGES}" if changing else ""
-    return minus(f"{phrase}; on {laws}.")
+    return minus(f"{phrase}; adhesion laws {laws}.")
 
 
 def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
-    """The first sentence of each text, and further sentences while they fit into a number of words."""
+    """Return the first sentence of each text, and further sentences that fit into `most` words in total."""
     sentences = [list(text) for text in texts]
-    found = [text[:1] for text in sentences]
-    most -= sum(len(one.split()) for text in found for one in text)
-    for kept, text in zip(found, sentences, strict=True):
-        for one in text[1:]:
-            if len(one.split()) <= most:
-                kept.append(one)
-                most -= len(one.split())
-    return found
+    result = [text[:1] for text in sentences]
+    most -= sum(len(item.split()) for text in result for item in text)
+    for kept, text in zip(result, sentences, strict=True):
+        for item in text[1:]:
+            if len(item.split()) <= most:
+                kept.append(item)
+                most -= len(item.split())
+    return result
 
 
 def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """What the design does at speeds that were not judged, and below the hand-over speed."""
+    """Lines on speeds that were not judged, and on speeds below the hand-over speed."""
     top, begins = max(report.envelope.speeds), report.envelope.initial_speed
     if report.stops and begins > top:
-        yield f"{top:g} to {begins:g} km/h", "its stops begin there, but it was not judged."
+        yield f"{top:g} to {begins:g} km/h", "not judged, although the stops begin here."
     if report.hands_over and report.control is not None:
         over, used = short(report.control.controlled_from / KMH), report.above_kmh or 0.0
         if used > float(over):
@@ -248,15 +249,17 @@ def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
 
 
 def _between(report: DesignReport, over: float, used: float) -> str:
-    """Verdict at speeds, km/h, at which the design controls slip but is not to be used."""
-    assert report.judgement is not None, "as it is in use"
+    """Verdict at speeds, km/h, at which the design controls slip but should not be used."""
+    assert report.judgement is not None, "only a design with margins reports these speeds"
     speeds, ms = report.judgement.points.speed_kmh, report.judgement.run_ms
     below_use = speeds < used * (1 - 1e-9)  # rounding of the conversion from m/s
     judged = (speeds > over * (1 - 1e-9)) & below_use
     if not judged.any():
         return "not judged"
     unstable = np.unique(speeds[judged & np.isinf(ms)]).tolist()
-    where = f"unstable{'' if report.nominal else ' with tolerances'} at {listed(f'{one:.3g}' for one in unstable)} km/h"
+    where = (
+        f"unstable{'' if report.nominal else ' with tolerances'} at {listed(f'{item:.3g}' for item in unstable)} km/h"
+    )
     return where if unstable else "not robust"
 
 
@@ -266,90 +269,90 @@ def _risks(report: DesignReport) -> Iterator[str]:
     every = (*report.stops, *report.harder_stops)
     worst = report.trials[0].worst_ms if report.trials else math.inf
     if report.usable and not report.nominal and MS_TO_WARN < worst < math.inf:
-        yield f"With tolerances it is nearly unstable: Ms {ms_text(worst)}."
+        yield f"With tolerances the loop is nearly unstable: Ms {ms_text(worst)}."
     below_use = [stop for stop in every if stop.locks and stop.locked_from <= least]
     if swinging := dict.fromkeys(stop.law for stop in report.stops if stop.swings):
-        yield f"With {' and '.join(swinging)} the wheel oscillates."
+        yield f"With adhesion law {' and '.join(swinging)} the wheel oscillates."
     if below_use:
         yield f"Below {short(least / KMH)} km/h a wheel locks in {len(below_use)} of {len(every)} stops."
     if not report.usable or report.nominal:
         return
     slid = max((stop.max_slip for stop in report.harder_stops), default=0.0)
     if not below_use and slid > SLIDING:
-        yield f"With errors slip reaches {above(slid)}."
+        yield f"Slip reaches {above(slid)} in harder stops."
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
-    """Actions that follow from the numbers."""
+    """Recommended actions, the most important first."""
     seeks = report.control is not None and report.control.finds_slip
     slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not stop.own_slip))
     over_kmh = 0.0 if report.control is None else report.control.controlled_from / KMH
     if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # rounding, as above
-        yield "Below, use another slide protection."
+        yield f"Use another protection below {report.above_kmh:g} km/h."
     if slow and report.usable:
         yield f"Expect long stops: slip stays below its reference ({', '.join(slow)})."
     if report.usable and any(stop.slides for stop in report.harder_stops):
-        yield "Measure dead time, lag and torque gain, and report again."
+        yield "Measure dead time, lag and torque gain; repeat the report."
     if not report.usable:
-        yield "Change the brake as verdict, or protect the wheels otherwise; do not rely on this file."
+        yield "Change the brake or use another wheel protection; do not rely on this file."
     if not seeks and report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
-        yield "The reference is at the adhesion peak: hold less slip."
+        yield "The reference slip is near the adhesion peak; choose a smaller slip."
 
 
 def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """Verdict on each of the user's controllers, or why there is none, and its longest stops."""
-    for one in report.rivals:
-        phrase = "; ".join(f"{stop.rail} {_distance(stop)} ({_stop_words(stop)})" for stop in longest(one.stops))
-        locks = "a wheel locks" if any(stop.locks for stop in one.stops) else "no lock"
-        verdict = f"NOT JUDGED: {one.name} is {one.reason} and has no margins"
-        if (judged := one.judgement) is not None:
+    """Verdict on each of the user's controllers, or the reason why there is none, and the longest stops."""
+    for item in report.rivals:
+        phrase = "; ".join(f"{stop.rail} {_distance(stop)} ({_stop_text(stop)})" for stop in longest(item.stops))
+        locks = "the wheel locks" if any(stop.locks for stop in item.stops) else "no lock"
+        verdict = f"NOT JUDGED: {item.name} is {item.reason} and has no margins"
+        if (judged := item.judgement) is not None:
             start = "at no speed" if judged.usable_from_kmh is None else f"from {judged.usable_from_kmh:g} km/h up"
             held = "" if judged.nominal else " with every tolerance"
             worst = worst_cells(judged.worst)
             ms = f"{worst[0]}: {worst[1]} at {worst[2]}" if judged.worst.margins else f"unstable at {worst[2]}"
-            verdict = f"{judged.verdict.upper()}: {one.name} is stable{held} {start}; {ms}"
-        yield "Yours", f"{verdict}. Stops: {phrase}; {locks}."
+            verdict = f"{judged.verdict.upper()}: {item.name} is stable{held} {start}; {ms}"
+        yield "Yours", f"{verdict}. Longest stops: {phrase}; {locks}."
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
-    """At most ten numbers over the speeds in use, with their cases."""
+    """At most ten numbers with their cases, over the speeds at which the design is used."""
     judged = report.in_use
     if judged is None:
-        point, limits = max(report.limits, key=lambda one: one[1].ms_bound)
+        point, limits = max(report.limits, key=lambda item: item[1].ms_bound)
         yield "Least Ms of any linear controller", ms_down(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
     else:
         yield from worst_rows(judged)
     for stop in report.longest_stops:
-        here = [one for one in (*report.stops, *report.harder_stops) if one.rail is stop.rail]
-        locked = [one for one in here if one.locks]
-        locks = f"locks in {len(locked)} of {len(here)}" if locked else f"no lock in {len(here)}"
+        here = [item for item in (*report.stops, *report.harder_stops) if item.rail is stop.rail]
+        locked = [item for item in here if item.locks]
+        locks = f"locks in {len(locked)} of {len(here)} stops" if locked else f"no lock in {len(here)} stops"
         yield (
             f"Stop, {stop.rail}, {report.envelope.initial_speed:g} to 5 km/h",
             _distance(stop),
-            f"{_stop_words(stop)}; {locks}",
+            f"{_stop_text(stop)}; {locks}",
         )
     if report.stops:
         slipped = max((*report.stops, *report.harder_stops), key=lambda stop: stop.max_slip)
-        hard = "" if not slipped.errors else CHANGES if slipped.errors == CHANGES else "with errors"
+        hard = "" if not slipped.errors else f"rail {CHANGES}" if slipped.errors == CHANGES else "with errors"
         where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, hard)))
         yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {_distance(slipped)}"
         best = report.trials[0]
-        phrase = f"{len(best.stops) + len(best.harder)} stops; as given {short(best.distance_as_given())} m"
+        phrase = f"{len(best.stops) + len(best.harder)} stops; nominal ones {short(best.distance_as_given())} m"
         yield "Mean stop", _metres(best), phrase + _over_attainable(best)
 
 
 def _over_attainable(trial: Trial) -> str:
-    """Mean excess of the stops as given over the attainable ones, for stops that have one."""
+    """Mean excess of the nominal stops over the attainable ones, where these are known."""
     known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
     if not known or any(not run.stopped for stop in known for run in stop.runs):
         return ""
-    had = sum(stop.attainable.braking_distance for stop in known if stop.attainable)
-    took = sum(run.braking_distance for stop in known for run in stop.runs) / len(known[0].runs)
-    return f", {100 * (took / had - 1):.0f} % over the attainable"
+    attainable = sum(stop.attainable.braking_distance for stop in known if stop.attainable)
+    distance = sum(run.braking_distance for stop in known for run in stop.runs) / len(known[0].runs)
+    return f", {100 * (distance / attainable - 1):.0f} % over the attainable ones"
 
 
 def _kind(choice: StructureChoice) -> str:
-    """Name of the structure; for a PI-lead with the lead and its filter."""
+    """Name of the structure; a PI-lead has its lead and filter time constants added."""
     if choice.structure != "pi-lead":
         return "PI" if choice.structure == "pi" else choice.structure
     lead = None if choice.design is None else getattr(choice.design.controller, "lead", None)
@@ -361,35 +364,35 @@ def _distance(stop: Stop) -> str:
 
 
 def _over(stop: Stop) -> str:
-    """Excess over the attainable stop, or over the bound, as the beginning of a sentence."""
+    """Excess over the attainable stop, or over the bound if that is unknown; empty if both are unknown."""
     if stop.bound is None or math.isnan(stop.over_bound):
         return ""
     if stop.attainable is None or math.isinf(stop.attainable.braking_distance):
         return f"{100 * stop.over_bound:.0f} % over the bound of {short(stop.bound.braking_distance)} m; "
-    had = stop.attainable.braking_distance
-    return f"{100 * (stop.distance / had - 1):.0f} % over the attainable {short(had)} m; "
+    attainable = stop.attainable.braking_distance
+    return f"{100 * (stop.distance / attainable - 1):.0f} % over the attainable {short(attainable)} m; "
 
 
 def _slip(stop: Stop) -> str:
-    """Slip held, with the reference unless the controller finds its slip."""
-    return short(stop.settled_slip, 2) + ("" if stop.own_slip else f" of {short(stop.reference)}")
+    """Slip held, with the reference slip unless the controller finds its own slip."""
+    return short(stop.settled_slip, 2) + ("" if stop.own_slip else f" (reference {short(stop.reference)})")
 
 
-def _stop_words(stop: Stop) -> str:
-    """Excess over the bound, slip held and highest slip of a stop."""
+def _stop_text(stop: Stop) -> str:
+    """Law, load, excess over the attainable stop or bound, slip held and highest slip of a stop."""
     return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_slip(stop)}, highest {above(stop.max_slip)}"
 
 
-def _sampled_words(report: DesignReport) -> str:
-    """Ms of the sampled loops for the worst loops that are drawn."""
-    assert report.in_use is not None, "loops are drawn"
+def _sampled_ms(report: DesignReport) -> str:
+    """Ms of the sampled loops that belong to the worst loops in the picture."""
+    assert report.in_use is not None, "only a judged design has these loops"
     worst = [report.in_use.worst] + ([] if report.in_use.nominal else [report.in_use.worst_with_tolerances])
-    return " and ".join("the same" if math.isnan(one.run_ms) else ms_text(one.run_ms) for one in worst)
+    return " and ".join("the same" if math.isnan(item.run_ms) else ms_text(item.run_ms) for item in worst)
 
 
 def _line_drawn(report: DesignReport) -> bool:
-    """Whether the hand-over speed is within the speeds of the map."""
-    assert report.judgement is not None, "there is a map"
+    """True if the hand-over speed is within the speeds of the map."""
+    assert report.judgement is not None, "only a judged design has a map"
     speeds, over = report.judgement.map.speeds_kmh, report.judgement.hand_over_kmh
     return bool(report.hands_over and speeds.min() < over <= speeds.max())
 
@@ -402,26 +405,26 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
         return
     yield Picture(
         "map",
-        "Worst Ms over speed and load, of the sampled loop where that is larger; black from 8 up."
-        + (" Slip control ends below the dashed line." if _line_drawn(report) else ""),
+        "Worst Ms over speed and load, the larger of continuous and sampled loop; black: 8 or more."
+        + (" Below the dashed line slip is not controlled." if _line_drawn(report) else ""),
         f"Worst Ms in cells over speed and load, at the operating points and with tolerances: {judged.verdict_line}",
     )
     yield Picture(
         "loop",
-        "The design at its worst points: Bode and Nyquist, in continuous time, the dead time exact; as it runs, "
-        f"sampled, Ms is {_sampled_words(report)}.",
+        "Bode and Nyquist diagrams of the design at its worst points, in continuous time with the exact dead time. "
+        f"Ms of the sampled loop: {_sampled_ms(report)}.",
         "Magnitude, phase and Nyquist curve of the design at its worst operating point and its worst point "
-        f"with tolerances: {'; '.join(one.label for one in report.worst_loops)}",
+        f"with tolerances: {'; '.join(item.label for item in report.worst_loops)}",
     )
     if report.stops:
         yield _stops_picture(report)
 
 
 def _stops_picture(report: DesignReport) -> Picture:
-    phrase = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
+    phrase = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_text(stop)}" for stop in report.longest_stops)
     caption = (
-        "The longest stop as given on each rail, of all laws, loads and seeds; slip below 0, a wheel faster than the "
-        "train, is not shown."
+        "The longest nominal stop on each rail, over all laws, loads and seeds. Slip below 0 (wheel faster than train) "
+        "is not shown."
     )
     return Picture("stops", caption, f"Speed, slip and torque over time. {phrase}")
 
@@ -430,9 +433,9 @@ def _stops_picture(report: DesignReport) -> Picture:
 
 
 def design_sections(report: DesignReport, again: str = "") -> list[Section]:
-    """Sections behind the first page; a section without content is left out.
+    """Sections after the first page; a section without content is left out.
 
-    `again` is the sentence with the command that repeats a stop.
+    - again: sentence with the command that repeats a stop.
     """
     made = (
         _envelope(report),
@@ -453,16 +456,16 @@ def design_sections(report: DesignReport, again: str = "") -> list[Section]:
 
 def _envelope(report: DesignReport) -> Section:
     judged, used, car = report.judgement, report.in_use, report.vehicle
-    blocks: list[Block] = [Facts([("Envelope", envelope_words(report.judged_envelope))])]
+    blocks: list[Block] = [Facts([("Envelope", envelope_text(report.judged_envelope))])]
     if judged is not None and used is not None:
         worst = [("Operating points", used.worst)]
         worst += [] if used.nominal else [("With tolerances", used.worst_with_tolerances)]
         rows = []
-        for name, one in worst:
-            found = one.margins
-            margins = (NONE, NONE) if found is None else (below(found.phase_deg), below(found.delay_s))
-            run = () if one.as_run is None else (ms_text(one.run_ms), one.run_case.description)
-            rows.append((name, ms_text(one.ms), *margins, one.case.description, *run))
+        for name, item in worst:
+            result = item.margins
+            margins = (NONE, NONE) if result is None else (below(result.phase_deg), below(result.delay_s))
+            run = () if item.as_run is None else (ms_text(item.run_ms), item.run_case.description)
+            rows.append((name, ms_text(item.ms), *margins, item.case.description, *run))
         axes = [
             (
                 _AXES.get(axis, axis),
@@ -474,74 +477,77 @@ def _envelope(report: DesignReport) -> Section:
             if len({(share, ms_text(ms)) for share, ms in values.values()}) > 1
             for value, (share, ms) in sorted(values.items())
         ]
-        head = ("Axis", "Value", "Stable, %", "Worst Ms of these")
-        worst_head = ("", "Ms", "Phase, deg", "Delay, s", "Case", "Ms, sampled", "Its case")[: len(rows[0])]
+        head = ("Axis", "Value", "Stable, %", "Worst Ms of stable loops")
+        worst_head = ("", "Ms", "Phase, deg", "Delay, s", "Case", "Ms, sampled", "Case, sampled")[: len(rows[0])]
         lowest = f"{min(used.envelope.speeds):g} km/h"
-        kind = "sampled, as it runs" if judged.as_it_runs else "continuous time"
+        kind = "sampled loops" if judged.as_it_runs else "continuous-time loops"
         costs = Table(
             head,
             axes,
-            caption=f"What costs margin over the whole envelope; {kind}, axes without effect omitted.",
+            caption=f"Effect of each axis over the whole envelope ({kind}); axes without effect are omitted.",
         )
         blocks += [
             Paragraph(f"Verdict over the whole envelope: {minus(judged.verdict_line)}."),
             Table(
                 worst_head,
                 rows,
-                caption=f"Points of worst Ms from {lowest} up, with the margins there, in continuous time.",
+                caption=f"Points of worst Ms from {lowest} up, with their margins in continuous time.",
             ),
             *([costs] if axes else []),
         ]
     notes = report.envelope.knife_edges() if judged is None else (*judged.points.skipped, *judged.slip_notes)
     if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
-        load = f"the wheel load stays {short(car.wheel_load)} N: the vehicle has no other"
-        notes = (*notes, f"Loaded, the mass is {short(car.mass_loaded)} kg, and {load}")
+        load = f"the wheel load stays {short(car.wheel_load)} N, because the vehicle has no loaded wheel load"
+        notes = (*notes, f"Loaded, the mass is {short(car.mass_loaded)} kg; {load}")
     begins, v0 = report.envelope.initial_speed, report.envelope.law_speed
     if begins != v0:
         notes = (
-            f"Stops begin at {begins:g} km/h, and published laws are those of v0 = {v0:g} km/h, extrapolated",
+            f"Stops begin at {begins:g} km/h; published adhesion laws are those of v0 = {v0:g} km/h, extrapolated",
             *notes,
         )
     blocks += [Paragraph(f"{text[0].upper()}{minus(text[1:])}.") for text in notes[:_MOST_NOTES]]
+    if len(notes) > _MOST_NOTES:
+        blocks.append(Paragraph(f"{len(notes) - _MOST_NOTES} more notes: see skipped and knife_edges in report.json."))
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
 
 
 def _candidates(report: DesignReport) -> Section:
     text = (
-        f"A candidate qualifies if it is robust from its hand-over up (Ms ≤ {ROBUST_MS:g}, and with every tolerance "
-        f"Ms ≤ {NEARLY_UNSTABLE:g}) and no wheel locks there in any of these stops: {_which(report)} One "
-        "without margins is judged by its stops alone. Designs that hold a reference are given the rail. The best: "
-        f"{_RANKED[report.prefer]}. Air is the torque filled in over a stop, over the full brake torque."
+        f"A candidate qualifies if it is robust above its hand-over speed (Ms ≤ {ROBUST_MS:g}, with every tolerance "
+        f"Ms ≤ {NEARLY_UNSTABLE:g}) and no wheel locks above this speed in any of these stops: {_which(report)} A "
+        "candidate without margins is judged by its stops alone. Designs that hold a reference slip are given the "
+        f"rail condition. Ranking: {_RANKED[report.prefer]}. Air consumption (air) is the sum of all rises of the "
+        "brake torque in a stop over the full brake torque."
     )
     ran = Table(
-        ("Candidate", "Used from, km/h", "Mean stop, m", "As given, m", "Ms with tolerances", "Air", "Locks in"),
+        ("Candidate", "Used from, km/h", "Mean stop, m", "Nominal, m", "Ms with tolerances", "Air", "Locks in"),
         [_ran_cells(trial, report.nominal) for trial in report.trials if trial.stops],
-        caption="Candidates in the stops, the best first; the mean of all stops, and of those as given.",
+        caption="Candidates that ran, the best first: mean braking distance in all stops and in the nominal ones.",
         wide=True,
     )
-    rows = [(*_choice_cells(one.choice), one.reason) for one in report.trials if one.reason]
+    rows = [(*_choice_cells(item.choice), item.reason) for item in report.trials if item.reason]
     for choice in report.selection.choices:
         if not any(_same(choice, trial.choice) for trial in report.trials):
-            rows.append((*_choice_cells(choice), choice.reason or "less robust than those that ran"))
-    head = ("Candidate", "Stable from, km/h", "Robust from, km/h", "Worst Ms where stable", "Does not qualify")
-    rest = Table(head, rows, caption="Candidates that do not qualify; not run further: better ones qualify.")
+            rows.append((*_choice_cells(choice), choice.reason or "less robust than the designs that ran"))
+    head = ("Candidate", "Stable from, km/h", "Robust from, km/h", "Worst Ms where stable", "Reason")
+    rest = Table(head, rows, caption=f"Candidates that do not qualify; {NOT_RUN}: others are better.")
     return Section("candidates", "Candidates", (Paragraph(text), ran, *([rest] if rows else [])))
 
 
-def _same(one: StructureChoice, other: StructureChoice) -> bool:
-    """Whether two choices have the same design; a design that is judged again is another record."""
+def _same(choice: StructureChoice, other: StructureChoice) -> bool:
+    """True if two choices have the same design; the objects differ if a design is judged again."""
     names = ("structure", "reference_factor", "lead_filter")
-    return all(getattr(one, name) == getattr(other, name) for name in names)
+    return all(getattr(choice, name) == getattr(other, name) for name in names)
 
 
 def _named(choice: StructureChoice) -> str:
-    """Structure, and the share of the reference slip that it holds."""
+    """Name of a choice, with the share of the reference slip that it holds."""
     holds = choice.structure in ("pi", "pi-lead") or choice.reference_factor != 1.0
-    return _kind(choice) + (f", {100 * choice.reference_factor:g} % slip" if holds else "")
+    return _kind(choice) + (f", {100 * choice.reference_factor:g} % of the reference slip" if holds else "")
 
 
 def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
-    """Table cells of a choice and its judgement."""
+    """Table cells of a choice: name, lowest stable and robust speeds, worst Ms."""
     if choice.design is None:
         return _named(choice), *(NONE,) * 3
     judged = choice.design.judgement
@@ -550,10 +556,10 @@ def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
 
 
 def _ran_cells(trial: Trial, nominal: bool) -> tuple[str, ...]:
-    """Table cells of a trial; the mean of all stops is empty before the harder ones are run."""
+    """Table cells of a trial; the mean of all stops is empty if the harder stops were not run."""
     ms = NONE if trial.judgement is None else ms_text(trial.worst_ms)
     means = (trial.distance(), trial.distance_as_given())
-    whole, given = ("no stop" if math.isinf(one) else short(one) for one in means)
+    whole, given = ("no stop" if math.isinf(item) else short(item) for item in means)
     used = NONE if trial.above_kmh is None else _speed(used_from(trial))
     locks = f"{trial.locked} of {len(trial.stops) + len(trial.harder)}"
     return _named(trial.choice), used, whole if trial.harder or nominal else NONE, given, ms, f"{trial.air:.2f}", locks
@@ -565,26 +571,26 @@ def _rivals(report: DesignReport) -> Section | None:
     taken = [Rival("recommended", report.judgement, report.stops)] if report.control is not None else []
     first = report.rivals[0].stops[0]
     rows = []
-    for one in (*taken, *report.rivals):
+    for item in (*taken, *report.rivals):
         distances = " / ".join(
             f"{_distance(stop)} {stop.rail}{', locks' if stop.locks else ''}"
-            for stop in one.stops
+            for stop in item.stops
             if (stop.law, stop.load) == (first.law, first.load)
         )
         cells: tuple[str, ...] = ("not judged: no margins", *(NONE,) * 3)
-        if (judged := one.judgement) is not None:
+        if (judged := item.judgement) is not None:
             worst = (worst_cells(judged.worst)[1], worst_cells(judged.worst_with_tolerances)[1])
             cells = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
-        rows.append((one.name, *cells, distances))
+        rows.append((item.name, *cells, distances))
     head = (
-        "Controller", "Over the whole envelope", "Stable from, km/h", "Worst Ms where stable", "With tolerances",
+        "Controller", "Verdict over the envelope", "Stable from, km/h", "Worst Ms where stable", "With tolerances",
         f"Longest stops, {first.law}, {first.load}",
     )  # fmt: skip
-    return Section("given", "Your controller beside it", (Table(head, rows, caption="Judged and run alike."),))
+    return Section("given", "Your controllers", (Table(head, rows, caption="All are judged and run in the same way."),))
 
 
 def _stops(report: DesignReport, again: str = "") -> Section | None:
-    shown = [_stop_table(report.stops, "Stops as given.")] if report.stops else []
+    shown = [_stop_table(report.stops, "Nominal stops.")] if report.stops else []
     for trial, name in ((report.seeking, SEEKING), (report.peer, "slide-protection")):
         if trial is not None and trial.stops and trial.stops is not report.stops:
             shown.append(_stop_table(trial.stops, f"The same stops with --controller {name}."))
@@ -594,13 +600,14 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
         return None
     ran = report.stops or report.trials[0].stops
     torques = sorted({stop.brake_torque for stop in ran if math.isfinite(stop.brake_torque)})
-    brake = f"a brake of {listed(f'{short(one)} N·m' for one in torques)}" if torques else "a brake"
+    brake = f"a brake of {listed(f'{short(item)} N·m' for item in torques)}" if torques else "a brake"
     text = (
-        f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(ran[0].runs)} noise seeds each. No "
-        f"controller stops before the bound, that of {brake} which is at the peak of adhesion "
-        "at once. Attainable is a stop in which the slip builds up too, without noise, by a controller that "
-        "knows the rail. Slip held is the median over the second half of the time under control, in the longest stop; "
-        f"highest slip is that of all seeds. {_elsewhere(report)}{again if report.stops else ''}"
+        f"Stops from {report.envelope.initial_speed:g} to 5 km/h with {len(ran[0].runs)} noise seeds each. The bound "
+        f"is the stop of {brake} with the highest adhesion at every moment after dead time and lag; no controller is "
+        "better. The attainable stop includes the rise of the slip; its controller knows the rail, and there is no "
+        "noise. Slip held is the median over the second half of the time under control in the longest stop. Highest "
+        "slip is that of all seeds. "
+        f"{_elsewhere(report)}{again if report.stops else ''}"
     )
     return Section("stops", "Braking runs", (Paragraph(text), *_limits_of_stops(report), *shown, *_rolling(report)))
 
@@ -610,26 +617,26 @@ def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
     control = report.control
     if control is None:
         return
-    facts = [("Limits", f"{short(max(control.least_torque, 0.0))} to {short(control.largest_torque)} N·m")]
+    facts = [("Torque limits", f"{short(max(control.least_torque, 0.0))} to {short(control.largest_torque)} N·m")]
     if isinstance(control, LinearControl):
         facts += [
-            ("Starts with", f"{short(control.initial_torque)} N·m"),
-            ("Anti-windup", f"back-calculation, {short(control.tracking_time or 0.0)} s"),
+            ("Initial torque", f"{short(control.initial_torque)} N·m"),
+            ("Anti-windup", f"back-calculation, time constant {short(control.tracking_time or 0.0)} s"),
         ]
     else:
-        facts.append(("Starts with", "up to the largest torque"))
-    below_speed = f"no slip control below {short(control.controlled_from / KMH)} km/h: {control.handed_over()}"
+        facts.append(("Initial torque", "up to the largest torque"))
+    below_speed = f"no slip control below {short(control.controlled_from / KMH)} km/h; holds {control.handed_over()}"
     yield Facts([*facts, ("Hand-over", below_speed if control.controlled_from > 0 else "none")])
 
 
 def _elsewhere(report: DesignReport) -> str:
-    """Sentence about stops that hold a slip outside the envelope, with Ms there."""
+    """Sentences about stops that hold a slip outside the envelope, with Ms at this slip."""
     phrase = ""
-    for one in report.unjudged_slips:
-        slips = listed(dict.fromkeys(short(slip, 2) for slip in one.slips))
+    for item in report.unjudged_slips:
+        slips = listed(dict.fromkeys(short(slip, 2) for slip in item.slips))
         phrase += (
-            f"On {one.law}, {one.rail}, the runs held slip {slips}, outside the envelope: Ms there is at most "
-            f"{ms_text(one.ms)}. "
+            f"The stops with {item.law} on {item.rail} rail hold slip {slips} outside the envelope; Ms at this slip is "
+            f"at most {ms_text(item.ms)}. "
         )
     return phrase
 
@@ -640,9 +647,9 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         distances = [run.braking_distance for run in stop.runs]
         stopped = all(run.stopped for run in stop.runs)
         spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
-        bound, had = (NONE if one is None else short(one.braking_distance) for one in (stop.bound, stop.attainable))
+        limits = [NONE if item is None else short(item.braking_distance) for item in (stop.bound, stop.attainable)]
         locks = "yes" if stop.locks else "no"
-        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), _slip(stop), locks))
+        rows.append((stop.law, stop.load, str(stop.rail), spread, *limits, above(stop.max_slip), _slip(stop), locks))
     head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
     return Table(head, rows, caption=caption, wide=True)
 
@@ -653,20 +660,20 @@ def _harder_table(stops: Iterable[Stop]) -> Table:
          "yes" if stop.locks else "no")
         for stop in stops
     ]  # fmt: skip
-    head = ("Law", "Load", "Rail", "Errors, or change of rail", "Distance, m", "Highest slip", "Locks")
-    return Table(head, rows, caption="Stops with errors, and on a changing rail, one noise seed each.", wide=True)
+    head = ("Law", "Load", "Rail", "Errors or change of rail", "Distance, m", "Highest slip", "Locks")
+    return Table(head, rows, caption="Harder stops: with errors or on a changing rail, one noise seed each.", wide=True)
 
 
 def _rolling(report: DesignReport) -> Iterator[Paragraph]:
-    """Paragraphs that explain the oscillation of the wheel with a dynamic law."""
-    for law in dict.fromkeys(one.law for one in report.rolling):
-        loops = [one for one in report.rolling if one.law == law]
-        where = ", ".join(f"{one.rail} {one.load}: {one.frequency / (2 * math.pi):.2g} Hz" for one in loops)
-        unstable = sum(not one.stable for one in loops)
+    """Paragraphs that explain why the wheel oscillates with a dynamic adhesion law."""
+    for law in dict.fromkeys(item.law for item in report.rolling):
+        loops = [item for item in report.rolling if item.law == law]
+        where = ", ".join(f"{item.rail} {item.load}: {item.frequency / (2 * math.pi):.2g} Hz" for item in loops)
+        unstable = sum(not item.stable for item in loops)
         yield Paragraph(
-            f"With {law} the contact of a rolling wheel is a spring, with hardly any damping of its own ({where}). "
-            f"About free rolling the loop is unstable in {unstable} of these {len(loops)} cases, and drives the swing "
-            "until the law's friction bounds it."
+            f"With {law} the contact of a rolling wheel acts as a spring with little damping ({where}). In {unstable} "
+            f"of these {len(loops)} cases the loop is unstable near free rolling; the oscillation then grows until the "
+            "friction of the law limits it."
         )
 
 
@@ -675,7 +682,7 @@ def _gains(report: DesignReport) -> Section | None:
         return None
     kp, ki = report.gains.chosen
     alt = f"Contours of the worst Ms over kp and ki on logarithmic axes; the design at kp {short(kp)}, ki {short(ki)}."
-    text = "Worst Ms around the recommended gains, lead kept, at the operating points of the lowest and highest speed."
+    text = "Worst Ms for gains near the recommended ones, same lead, at operating points of lowest and highest speed."
     return Section("gains", "Gains", (Picture("gains", text, alt),))
 
 
@@ -698,37 +705,38 @@ def _limits(report: DesignReport) -> Section:
         f"Longest dead time for Ms ≤ {ROBUST_MS:g}, s",
     )  # fmt: skip
     text = (
-        "Least Ms that any controller can have, theorems, at the hardest operating point of each rail and load. "
-        "Interpolation at the unstable pole: [Astrom2021] 14.4, [Sarason1967]."
+        "Lower bounds of Ms for any controller, by theorem, at the hardest operating point of each rail and load. The "
+        "proof uses interpolation at the unstable pole: [Astrom2021] 14.4, [Sarason1967]."
     )
-    return Section("limits", "What no controller beats", (Paragraph(text), Table(head, rows, caption="Least Ms.")))
+    table = Table(head, rows, caption="Lower bounds of Ms.")
+    return Section("limits", "Limits for any controller", (Paragraph(text), table))
 
 
 def _structure(limit: StructureLimit | None) -> str:
     if limit is None:
         return NONE
-    return ms_down(limit.ms_bound) if limit.feasible else "none holds"
+    return ms_down(limit.ms_bound) if limit.feasible else "none stabilises"
 
 
 def _adhesion(report: DesignReport) -> Section:
     rows = []
     for curve in report.curves:
         point = curve.point
-        peak = short(curve.peak.slip) if curve.peak.slip > curve.slip[1] else "0 (falls)"
+        peak = short(curve.peak.slip) if curve.peak.slip > curve.slip[1] else "0 (μ only falls)"
         held = (short(point.slip), short(point.adhesion_coefficient))
         where = (point.adhesion, str(point.rail), f"{point.speed_kmh:g}")
         rows.append((*where, short(curve.peak.coefficient), peak, *held))
-    head = ("Law", "Rail", "Speed, km/h", "Peak μ", "at slip", "Slip judged at", "μ there")
+    head = ("Law", "Rail", "Speed, km/h", "Peak μ", "At slip", "Judged slip", "μ at judged slip")
     laws = listed(dict.fromkeys(curve.point.adhesion for curve in report.curves))
-    alt = f"Steady adhesion coefficient over slip of {laws}, a panel a rail; circles where slip is judged."
-    picture = Picture("adhesion", "Steady adhesion over the slip ratio.", alt)
-    peaks = Table(head, rows, caption="Peaks, and the slip judged at.")
+    alt = f"Steady adhesion coefficient over slip for {laws}, one panel per rail; circles mark the judged slips."
+    picture = Picture("adhesion", "Steady adhesion coefficient over the slip ratio.", alt)
+    peaks = Table(head, rows, caption="Adhesion peaks, and the slips at which the controller is judged.")
     return Section("adhesion", "Adhesion", (picture, peaks, Facts(law_facts(curve.point for curve in report.curves))))
 
 
 def _plant(report: DesignReport) -> Section:
     vehicle = report.vehicle
-    noted = [*vehicle.notes, *(f"To be checked: {one}" for one in vehicle_warnings(vehicle))]
+    noted = [*vehicle.notes, *(f"Check this: {item}" for item in vehicle_warnings(vehicle))]
     points = dict.fromkeys(curve.point for curve in report.curves)
     if report.in_use is not None:
         points = {report.in_use.worst.point: None} | points
@@ -743,29 +751,28 @@ def _plant(report: DesignReport) -> Section:
     blocks: tuple[Block, ...] = (
         Facts([row for row in vehicle_facts(vehicle) if row[0] != "Note"]),
         *(Paragraph(text) for text in noted),
-        Table(head, rows, caption="The wheel linearised at constant slip, without the brake."),
+        Table(head, rows, caption="Wheel linearised at constant slip, without the brake."),
     )
     return Section("plant", "Vehicle and plant", blocks)
 
 
 def _sliding(report: DesignReport) -> Section:
-    found = report.sliding.found
-    if found is None:
+    result = report.sliding.verification
+    if result is None:
         return Section("sliding", "Sliding mode", (Paragraph(f"Not decided: {report.sliding.reason}."),))
-    conditions = found.conditions
-    met = sum(bool(one.holds) for one in conditions)
+    conditions = result.conditions
+    met = sum(bool(item.holds) for item in conditions)
     text = (
         f"The predictive sliding-mode law meets {met} of the {len(conditions)} conditions over a box of "
-        "speed, slip and load, on the static curve of the published bristle model. railslip verify --law predictive "
-        "has the box and the evidence."
+        "speed, slip and load, for the static curve of the published bristle model. railslip verify --law predictive "
+        "prints the box and the evidence."
     )
     rows = [
-        (typeset(one.name), "not decided" if one.holds is None else one.how or "" if one.holds else "not met")
-        for one in conditions
+        (typeset(item.name), "not decided" if item.holds is None else item.how or "" if item.holds else "not met")
+        for item in conditions
     ]
-    return Section(
-        "sliding", "Sliding mode", (Paragraph(text), Table(("Condition", "Verdict"), rows, caption="Its conditions."))
-    )
+    table = Table(("Condition", "Verdict"), rows, caption="Conditions of the law.")
+    return Section("sliding", "Sliding mode", (Paragraph(text), table))
 
 
 def _speed(speed: float | None) -> str:
@@ -776,7 +783,7 @@ def _speed(speed: float | None) -> str:
 
 
 def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str:
-    """Text of the first page, followed by the sentences on the other files and on repeating a stop."""
+    """First page as text, followed by `rest`: the other files and the command that repeats a stop."""
     file = f"   {first.file}" if first.file else ""
     parts: list[RenderableType] = [
         heading(f"{first.title}   railslip_ctrl {__version__}, {report.date.isoformat()}"),

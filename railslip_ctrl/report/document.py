@@ -1,6 +1,6 @@
-"""Blocks of reports (facts, tables, paragraphs, pictures, sections), and the format of numbers.
+"""Blocks of reports (facts, tables, paragraphs, pictures, sections), and formatting of numbers.
 
-Text and HTML use the same blocks: `render` prints them with rich, `page` fills them into its template.
+Text and HTML use the same blocks: `render` formats them with rich, `page` with an HTML template.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import BOUND_DIGITS, ms_up, rounded, rounded_down, rounded_up
 from railslip_ctrl.loop import Margins
 
-WIDTH = 110  #: columns of a report in a file or a pipe; fits A4 landscape in a usual fixed-width font
+WIDTH = 110  #: characters per line of a report in a file or a pipe; fits A4 landscape in a usual fixed-width font
 
-NONE = "–"
+NONE = "–"  #: cell of a table without a value
 
 MARGIN_HEAD = ("Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt")  #: columns of `margin_cells`
 
-_UNLIMITED = 10_000  # columns, wider than any table
-_SHORT = 16  # largest number of rows of a table that is kept on one page
+_UNLIMITED = 10_000  # characters per line, wider than any table
+_SHORT = 16  # largest number of rows of a table that is not divided between pages
 _LARGE = 1e6  # smallest number that is written with a power of ten
 _POWER = re.compile(r"e([+-]?)0*(\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
-_NUMBER = re.compile(r"[−+±≤<>\d.,·e∞– ×%]*|unstable|unbounded|none holds|none|never")
+_NUMBER = re.compile(r"[−+±≤<>\d.,·e∞– ×%]*|unstable|unbounded|none stabilises|none|never")
 
 _width: ContextVar[int] = ContextVar("width", default=WIDTH)
 
@@ -73,11 +73,12 @@ class Facts:
 
 @dataclass(frozen=True)
 class Table:
-    """Table with a ruled head.
+    """Table with a line below its head.
 
     In text the first `left` columns and those with an index in `text_columns` are aligned left, others right. Cells of
-    the first `whole` columns are never broken. Columns that do not fit follow below, with the first `left` repeated.
-    On a page columns of numbers are aligned right, `caption` is above the table, and `wide` makes it smaller.
+    the first `whole` columns are never broken. Columns that do not fit follow in another table below, which repeats the
+    first `left` columns. On a page columns of numbers are aligned right, `caption` is above the table, and `wide`
+    selects smaller letters.
     """
 
     head: Sequence[str]
@@ -98,11 +99,11 @@ class Table:
 
     @property
     def short(self) -> bool:
-        """True if the table is kept on one page."""
+        """True if the table is not divided between pages."""
         return len(self.rows) <= _SHORT
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        unlimited = options.update(max_width=_UNLIMITED)  # otherwise the measured width would be limited
+        unlimited = options.update(max_width=_UNLIMITED)  # otherwise the console's width limits the measured one
         repeated = list(range(self.left))
         shown = repeated
         for i in range(self.left, len(self.head)):
@@ -125,7 +126,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """Picture with caption, by the name it was drawn under; `alt` describes it in words."""
+    """Picture with caption; `name` is that of its drawing, `alt` describes it for readers who do not see it."""
 
     name: str
     caption: str
@@ -135,7 +136,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Details:
-    """Block that can be opened: its title, a verdict in one word, and the blocks inside."""
+    """Block that can be opened on a page: title, verdict in a few words, and blocks inside."""
 
     title: str
     verdict: str
@@ -144,7 +145,7 @@ class Details:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         yield heading(f"{self.title}: {self.verdict}", "-")
-        yield from (block for block in self.blocks if not isinstance(block, Picture))  # text has no pictures
+        yield from (block for block in self.blocks if not isinstance(block, Picture))  # text cannot contain pictures
         yield ""
 
 
@@ -153,7 +154,7 @@ Block = Paragraph | Facts | Table | Picture | Details
 
 @dataclass(frozen=True)
 class Section:
-    """Chapter with its anchor for the table of contents."""
+    """Section of a report; `anchor` is its target in the table of contents."""
 
     anchor: str
     title: str
@@ -164,10 +165,11 @@ class Section:
 class FirstPage:
     """First page of a report, which can be read in a minute.
 
-    - headline: result in one to four words; subject: what it is about.
-    - file: file with the result as data.
-    - lines: texts with headings.
-    - head, rows: table of quantities, numbers and places.
+    - headline: result in a few words.
+    - subject: object of the result, such as the recommended controller.
+    - file: name of the file with the result as data; empty if there is none.
+    - lines: headings with their texts.
+    - head, rows: table of quantities, numbers and cases.
     """
 
     title: str
@@ -185,7 +187,7 @@ class FirstPage:
 
 @contextmanager
 def columns(number: int) -> Iterator[None]:
-    """Set the width of reports made inside to `number` columns, for a terminal narrower than `WIDTH`."""
+    """Set the width of reports inside the `with` block to `number` characters, for a terminal narrower than `WIDTH`."""
     before = _width.set(number)
     try:
         yield
@@ -194,7 +196,7 @@ def columns(number: int) -> Iterator[None]:
 
 
 def width() -> int:
-    """Return the present width of reports in columns."""
+    """Return the present width of reports, characters per line."""
     return _width.get()
 
 
@@ -216,13 +218,13 @@ def heading(text: str, mark: str = "=") -> Text:
 
 
 def counted(number: int, what: str) -> str:
-    """Return a number with a noun, as "1 run" or "2 runs"."""
+    """Return a number with the noun `what`, such as "1 run" or "2 runs"."""
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def listed(words: Iterable[str]) -> str:
-    """Join words with commas and an "and"; "none" without words."""
-    every = list(words)
+def listed(items: Iterable[str]) -> str:
+    """Join items with commas and "and"; "none" without items."""
+    every = list(items)
     return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} and {every[-1]}" if every else "none"
 
 
@@ -236,12 +238,12 @@ def fixed(value: float, digits: int = 5) -> str:
 
 
 def short(value: float, digits: int = 4) -> str:
-    """Format a number with `digits` significant digits and a minus sign; powers of ten only if they save zeros."""
+    """Format a number with `digits` significant digits and a minus sign; powers of ten replace many zeros."""
     if not math.isfinite(value):
         return "∞" if value > 0 else NONE
     nearest = rounded(value, digits)
     text = f"{nearest:.0f}" if 10**digits <= abs(nearest) < _LARGE else fixed(value, digits)
-    return minus(_POWER.sub(lambda found: "·10" + (found[1] + found[2]).translate(_RAISED), text))
+    return minus(_POWER.sub(lambda match: "·10" + (match[1] + match[2]).translate(_RAISED), text))
 
 
 def above(value: float, digits: int = BOUND_DIGITS) -> str:
@@ -265,16 +267,16 @@ def minus(text: str) -> str:
 
 
 def roots_text(values: Iterable[complex]) -> str:
-    """Format poles or zeros, one of each pair, separated by commas; "none" if there are none."""
+    """Format poles or zeros, one for each conjugate pair, separated by commas; "none" if there are none."""
 
-    def one(value: complex) -> str:
+    def root_text(value: complex) -> str:
         return f"{value.real:.5g}" if value.imag == 0 else f"{value.real:.5g} ± {abs(value.imag):.5g}j"
 
-    return ",  ".join(one(value) for value in values if value.imag >= 0) or "none"
+    return ",  ".join(root_text(value) for value in values if value.imag >= 0) or "none"
 
 
 def margin_cells(margins: Margins | None) -> tuple[str, ...]:
-    """Return cells for gain decrease and increase, phase, delay, Ms, Mt; dashes for an unstable loop."""
+    """Return the cells for the columns `MARGIN_HEAD`; dashes for an unstable loop."""
     if margins is None:
         return (NONE,) * len(MARGIN_HEAD)
     values = (margins.gain_decrease, margins.gain_increase, margins.phase_deg, margins.delay_s, margins.ms, margins.mt)

@@ -1,4 +1,4 @@
-"""Records as JSON, the source of an adhesion law, complete writing of files, and versions for reports."""
+"""JSON of results, source of an adhesion law, all-or-nothing writing of files, and software versions."""
 
 from __future__ import annotations
 
@@ -80,22 +80,25 @@ def json_text(content: Mapping[str, Any], *, ensure_ascii: bool = True) -> str:
 
 
 def exported(record: Any, *same: str, **named: str) -> dict[str, Any]:
-    """Return attributes of a record as JSON, `same` by their names, `named` by a path such as "vehicle.mass".
+    """Return attributes of a record as JSON.
 
-    For a record that is None all values are null.
+    - same: attributes whose JSON key is their name.
+    - named: path of an attribute, such as "vehicle.mass", by JSON key.
+
+    If the record is None, all values are null.
     """
     paths = {name: name for name in same} | named
     return {name: None if record is None else plain(attrgetter(path)(record)) for name, path in paths.items()}
 
 
 def case_json(point: OperatingPoint) -> dict[str, Any]:
-    """Return the six keys that identify a case."""
+    """Return the six keys that identify an operating point: law, rail, speed, slip, mass and inertia scale."""
     scale = "vehicle.inertia_scale"
     return exported(point, "adhesion", "rail", "speed_kmh", "slip", mass_kg="vehicle.mass", inertia_scale=scale)
 
 
 def _context_json(point: OperatingPoint) -> dict[str, Any]:
-    """Return the other quantities on which a case depends."""
+    """Return the law's parameters, v0, vehicle, wheel load and assumptions of an operating point."""
     return {
         "adhesion_law": law_json(point.law, source_at(point)),
         **exported(point, "initial_speed_kmh", vehicle="vehicle.name", wheel_load_n="vehicle.wheel_load"),
@@ -104,13 +107,13 @@ def _context_json(point: OperatingPoint) -> dict[str, Any]:
 
 
 def law_json(law: AdhesionLaw, source: str) -> dict[str, Any]:
-    """Return an adhesion law as JSON: name, source, rail of its parameters, and values (SI) with units."""
+    """Return an adhesion law as JSON: name, source, rail of its parameters, and values in SI with units."""
     parameters = {name: {"value": plain(value), "unit": unit} for name, (value, unit) in law.numbers().items()}
     return {"name": law.name, "source": source, "rail": law.rail.value, "parameters": parameters}
 
 
 def linear_plant_json(plant: LinearPlant) -> dict[str, Any]:
-    """Return a linearisation as JSON: operating point, matrices with names, poles, zeros, torque to sigma."""
+    """Return a linearisation as JSON: operating point, matrices, signal names, poles, zeros, transfer function."""
     num, den = plant.transfer_function()
     return {
         **case_json(plant.point),
@@ -135,7 +138,7 @@ def margin_frequencies(margins: Margins | None) -> dict[str, Any] | None:
 
 
 def margins_json(assessment: Assessment, certificate: Certificate | None = None) -> dict[str, Any]:
-    """Return the margins of a loop as JSON, null if it is unstable, and its certificate if there is one."""
+    """Return the margins of a loop as JSON, with its certificate if there is one; an unstable loop has null margins."""
     unstable = assessment.unstable_poles
     content = {
         **case_json(assessment.point),
@@ -171,7 +174,7 @@ def margins_json(assessment: Assessment, certificate: Certificate | None = None)
 
 
 def controller_json(controller: LinearController | Controller) -> dict[str, Any]:
-    """Return the numbers of a controller with margins as JSON, SI."""
+    """Return structure and parameters (SI) of a controller that has stability margins, as JSON."""
     if isinstance(controller, Controller):
         return {"structure": controller.kind, **controller.gain_values()}
     if not isinstance(controller, PIController):
@@ -188,7 +191,7 @@ def _crossovers(assessment: Assessment) -> Any:
 
 
 def _certificate_json(certificate: Certificate) -> dict[str, Any]:
-    """Return enclosures as [lowest, highest]; null for an unbounded end, or for all values of an unstable loop."""
+    """Return each certified margin as [lowest, highest]; null for an unbounded end or for an unstable loop."""
     pairs = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
     ends = {name: None if pair is None else [number(end) for end in pair] for name, pair in pairs.items()}
     if ends["gain_decrease"] is not None:
@@ -201,7 +204,7 @@ def _certificate_json(certificate: Certificate) -> dict[str, Any]:
 
 
 def _limits_json(assessment: Assessment) -> dict[str, Any]:
-    """Return the limits for any controller, for a PI and for a PI-lead as JSON; null if a theorem does not apply."""
+    """Return the bounds for any controller, a PI and a PI-lead as JSON; null if a bound's theorem does not apply."""
     limits = assessment.limits
     names = {"unstable_pole_rad_s": "unstable_pole", "pole_times_dead_time_and_lag": "actuator_product"}
     content = exported(limits, **names, mt_lower_bound="mt_bound", ms_lower_bound="ms_bound")
@@ -214,7 +217,7 @@ def _limits_json(assessment: Assessment) -> dict[str, Any]:
 # --- source of an adhesion law: published, or the user's own --------------------------------------------------------
 
 
-def law_words(law: AdhesionLaw, source: str) -> str:
+def law_text(law: AdhesionLaw, source: str) -> str:
     """Return the name of an adhesion law, with its source unless it is published: "beam as given (model.toml)"."""
     if source == PUBLISHED:
         return law.name
@@ -222,7 +225,7 @@ def law_words(law: AdhesionLaw, source: str) -> str:
 
 
 def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
-    """Return the file of an adhesion law, or else PUBLISHED if its numbers equal those of `published`, or GIVEN."""
+    """Return the file of an adhesion law; without a file, PUBLISHED if it equals `published()`, otherwise GIVEN."""
     if law.file is not None:
         return law.file
     try:
@@ -233,37 +236,37 @@ def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
 
 
 def source_at(point: OperatingPoint) -> str:
-    """Return the source of a point's adhesion law; published laws are compared for its rail, v0 and wheel load."""
+    """Return the source of a point's adhesion law; it is compared with the published law of its rail, v0 and load."""
     v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
     return source_of(point.law, lambda: published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load))
 
 
-def words_at(point: OperatingPoint) -> str:
+def law_text_at(point: OperatingPoint) -> str:
     """Return the name of a point's adhesion law with its source."""
-    return law_words(point.law, source_at(point))
+    return law_text(point.law, source_at(point))
 
 
-# --- files; an existing report is never left incomplete -------------------------------------------------------------
+# --- files: all are written, or none ---------------------------------------------------------------------------------
 
 
 def check_directory(directory: Path, names: Iterable[str]) -> None:
-    """Raise InputError if files of these names could not be written into `directory`; it need not exist yet."""
+    """Raise InputError if `names` could not be written into `directory`, which need not exist yet."""
     if str(directory) in ("", "."):
         raise InputError(
-            "--out: the working folder itself is not allowed, so that nothing in it is overwritten; name another folder"
+            "--out: the working folder is not allowed, because files in it could be overwritten; give another folder"
         )
     existing = directory
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
-    if not _takes_a_folder(existing):
+    if not _is_writable(existing):
         raise InputError(f"--out: {str(directory)!r} cannot be created or written to; choose another folder")
     for name in names:
         if (directory / name).is_dir():
             raise InputError(f"--out: {str(directory / name)!r} is a folder; remove it or choose another folder")
 
 
-def _takes_a_folder(directory: Path) -> bool:
-    """Return True if a folder can be created in a directory, by trying; access rights are not sufficient (/proc)."""
+def _is_writable(directory: Path) -> bool:
+    """Return True if a folder can be created in a directory; it tries, because access rights do not suffice (/proc)."""
     try:
         with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=directory):
             return True
@@ -275,10 +278,10 @@ def check_file(path: Path, option: str) -> None:
     """Raise InputError, naming the option, if a file could not be written at `path`; its folder must exist."""
     if path.is_dir() or not path.name:
         raise InputError(f"{option}: {str(path)!r} is a folder; give a file name")
-    if path.exists() and not path.is_file():  # a device or pipe would be replaced instead of written to
+    if path.exists() and not path.is_file():  # writing would replace a device or pipe
         raise InputError(f"{option}: {str(path)!r} is not a regular file; choose another")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
-        raise InputError(f"{option}: {str(path.parent)!r} is not a folder to write to; choose another")
+        raise InputError(f"{option}: {str(path.parent)!r} is not a writable folder; choose another")
 
 
 FileContent = str | bytes | Callable[[Path], object]
@@ -286,10 +289,12 @@ FileContent = str | bytes | Callable[[Path], object]
 
 
 def write_files(directory: Path, files: Mapping[str, FileContent], *, option: str = "--out") -> list[Path]:
-    """Write files by name into `directory`, which is created if missing, all or none; return their paths.
+    """Write all `files` into `directory`, which is created if missing, or none of them; return their paths.
 
-    InputError, which begins with `option`, if the directory cannot be created or written to; existing files are then
-    not changed.
+    - files: contents by file name.
+    - option: command-line option that begins the message of an InputError.
+
+    InputError: the directory cannot be created or written to; existing files are then unchanged.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Results of `railslip identify` as text, as the model's file, as JSON, and the observed adhesion as CSV."""
+"""Results of `railslip identify`: text, file of the adhesion law, JSON, and CSV of the observed adhesion."""
 
 from __future__ import annotations
 
@@ -22,7 +22,14 @@ from railslip_ctrl.identification.fits import Fit
 from railslip_ctrl.identification.identify import Identification, LogSeries
 from railslip_ctrl.identification.log_checks import Rolling
 from railslip_ctrl.identification.observed import Observed
-from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Regimes, Score, of_known, too_few
+from railslip_ctrl.identification.results import (
+    ParameterPolynomial,
+    PeakSlip,
+    Regimes,
+    Score,
+    criteria_note,
+    known_polynomials,
+)
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail
 
@@ -32,32 +39,32 @@ from .export import exported, number, plain
 # --- text ----------------------------------------------------------------------------------------------------------
 
 
-def identification_text(found: Identification) -> str:
-    """Return the report of one log."""
-    return render(_log_parts(found))
+def identification_text(result: Identification) -> str:
+    """Return the report of one log as text."""
+    return render(_log_parts(result))
 
 
-def series_text(found: LogSeries) -> str:
-    """Return the report of several logs: each log, then the parameters over the initial speed."""
-    parts = [part for each in found.logs for part in (*_log_parts(each), Text())]
+def series_text(result: LogSeries) -> str:
+    """Return the report of several logs as text: each log, then the parameters over the initial speed."""
+    parts = [part for each in result.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
-    parts += [Text(f"Warning: {text}") for text in found.warnings]
+    parts += [Text(f"Warning: {text}") for text in result.warnings]
     rows = [
-        (p.name, found.logs[0].chosen.fit.model.unit(p.name), *map(_pair, p.coefficients, p.stderrs))
-        for p in found.polynomials
+        (p.name, result.logs[0].chosen.fit.model.unit(p.name), *map(_pair, p.coefficients, p.stderrs))
+        for p in result.polynomials
     ]
     columns = ("Parameter", "Unit", *(("constant", "v0", "v0^2")[: max(len(row) for row in rows) - 2]))
     parts.append(Table(columns, rows))
-    parts += [Text(f"Note: {p.misses}") for p in found.polynomials if p.misses]
+    parts += [Text(f"Note: {p.misses}") for p in result.polynomials if p.misses]
     parts += [heading("Mean absolute error of mu, by model and initial speed in km/h", "-")]
-    return render([*parts, _error_table(found)])
+    return render([*parts, _error_table(result)])
 
 
-def _error_table(found: LogSeries) -> RenderableType:
+def _error_table(result: LogSeries) -> RenderableType:
     """Return a table of errors in the form of [Park2008] Table 3."""
-    errors = [{score.fit.model.name: score.mean_abs_error for score in each.scores} for each in found.logs]
+    errors = [{score.fit.model.name: score.mean_abs_error for score in each.scores} for each in result.logs]
     names = [name for name in errors[0] if all(name in each for each in errors)]
-    speeds = (f"{each.setting.initial_speed / KMH:.4g}" for each in found.logs)
+    speeds = (f"{each.setting.initial_speed / KMH:.4g}" for each in result.logs)
     return Table(("Model", *speeds), [(name, *(f"{each[name]:.4f}" for each in errors)) for name in names])
 
 
@@ -73,53 +80,57 @@ def _range(value: float, interval: tuple[float, float], digits: int) -> str:
     return f"{text} [{low}, {high}]" if math.isfinite(interval[1]) else f"{text} (from {low})"
 
 
-def _log_parts(found: Identification) -> list[RenderableType]:
-    fit = found.chosen.fit
+def _log_parts(result: Identification) -> list[RenderableType]:
+    fit = result.chosen.fit
     parts: list[RenderableType] = [
-        heading(f"Identification: {found.curve.name}"),
-        Facts(_log_facts(found)),
-        *(Text(f"Warning: {warning}") for warning in found.warnings),
-        *(Text(f"Note: {note}") for note in found.curve.notes),
+        heading(f"Identification: {result.curve.name}"),
+        Facts(_log_facts(result)),
+        *(Text(f"Warning: {warning}") for warning in result.warnings),
+        *(Text(f"Note: {note}") for note in result.curve.notes),
         Text(),
         heading(f"Model: {fit.law.title} ({fit.model.name})", "-"),
         _parameter_table(fit),
     ]
-    parts += [Text(f"Warning: {doubt}") for doubt in found.doubts]
+    parts += [Text(f"Warning: {warning}") for warning in result.fit_warnings]
     parts += [Text(f"Note: {note}") for note in fit.notes]
-    parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found)]
-    samples = f"{found.scores[0].independent:.3g} independent samples"
+    parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(result)]
+    samples = f"{result.scores[0].independent:.3g} independent samples"
     weight = f"AIC and BIC are based on {samples}, and are only for comparing these models with each other"
-    parts.append(Text(f"{too_few(found.scores) or weight}\n"))
-    parts += [Text(f"Not fitted: {reason}") for reason in found.not_fitted]
-    parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(found)]
-    parts += [heading("Peak and reference slip", "-"), _peak_table(found.peaks)]
-    parts += [Text(f"Note: {note}") for note in found.peak_notes]
-    return [*parts, Text(_verdict(found))]
+    parts.append(Text(f"{criteria_note(result.scores) or weight}\n"))
+    parts += [Text(f"Not fitted: {reason}") for reason in result.not_fitted]
+    parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(result)]
+    parts += [heading("Peak and reference slip", "-"), _peak_table(result.peaks)]
+    parts += [Text(f"Note: {note}") for note in result.peak_notes]
+    return [*parts, Text(_verdict(result))]
 
 
-def _load_of(found: Identification) -> str:
-    """Return a remark if the log has its own wheel load."""
-    own = found.vehicle.wheel_load
-    same = math.isclose(found.setting.wheel_load, own, rel_tol=1e-6)
+def _load_of(result: Identification) -> str:
+    """Return a remark if the wheel load of the log differs from that of the vehicle."""
+    own = result.vehicle.wheel_load
+    same = math.isclose(result.setting.wheel_load, own, rel_tol=1e-6)
     return "" if same else f" (the log's; the vehicle's is {own:g} N)"
 
 
-def _log_facts(found: Identification) -> list[tuple[str, str]]:
-    curve, survey, setting = found.curve, found.curve.survey, found.setting
-    regrips = f"; {survey.readhesion} more of a wheel that regrips are left out" if survey.readhesion else ""
-    adhesion, sliding = curve.parted_at(found.regimes.boundary)
+def _log_facts(result: Identification) -> list[tuple[str, str]]:
+    curve, survey, setting = result.curve, result.curve.survey, result.setting
+    regrips = f"; {survey.readhesion} more are left out, because the wheel regrips" if survey.readhesion else ""
+    adhesion, sliding = curve.split_counts(result.regimes.boundary)
+    vehicle = f"{result.vehicle.name}, wheel load {setting.wheel_load:g} N{_load_of(result)}, {setting.rail} rail"
     ramp = "none" if setting.slip_acceleration is None else f"{setting.slip_acceleration:.4g} m/s^2"
     return [
-        ("Vehicle", f"{found.vehicle.name}, wheel load {setting.wheel_load:g} N{_load_of(found)}, {setting.rail} rail"),
+        (
+            "Vehicle",
+            vehicle,
+        ),
         ("Initial speed", f"{setting.initial_speed / KMH:.4g} km/h; slip ramps {ramp}"),
-        ("Observer", f"{found.options.observer}, tau {curve.time_constant:.4g} s"),
+        ("Observer", f"{result.options.observer}, tau {curve.time_constant:.4g} s"),
         ("Rows", f"{survey.rows}, of which {survey.used} under brake in {counted(survey.runs, 'run')}{regrips}"),
         *((("Rows followed", curve.followed_note),) if curve.followed_note else ()),
         *(("Resolution", str(step)) for step in curve.steps if step.matters),
         (
             "Regimes",
-            f"{adhesion} rows in adhesion, {sliding} in sliding, from slip {found.regimes.boundary:.4g} on, which is "
-            f"{found.regimes.source}",
+            f"{adhesion} rows in adhesion, {sliding} in sliding; the boundary, slip {result.regimes.boundary:.4g}, is "
+            f"{result.regimes.source}",
         ),
     ]
 
@@ -146,17 +157,17 @@ def _correlation(fit: Fit) -> RenderableType:
     return Text(f"Correlation: {'; '.join(pairs)}\n" if pairs else "")
 
 
-def _score_table(found: Identification) -> RenderableType:
+def _score_table(result: Identification) -> RenderableType:
     rows = []
-    for score in found.scores:
-        errors = (fixed(x, 3) for x in (score.mean_abs_error, *found.regimes.errors(score)))
+    for score in result.scores:
+        errors = (fixed(x, 3) for x in (score.mean_abs_error, *result.regimes.errors(score)))
         name, count = score.fit.model.name, str(len(score.fit.parameters))
         rows.append((name, count, *errors, f"{score.aic:.1f}", f"{score.bic:.1f}"))
-    return Table(("Model", "Parameters", "Mean |error|", "adhesion", "sliding", "AIC", "BIC"), rows)
+    return Table(("Model", "Parameters", "Mean |error|", "in adhesion", "in sliding", "AIC", "BIC"), rows)
 
 
-def _bin_table(found: Identification) -> RenderableType:
-    b, regimes = found.curve.bins, found.regimes.of(found.curve.bins.slip)
+def _bin_table(result: Identification) -> RenderableType:
+    b, regimes = result.curve.bins, result.regimes.of(result.curve.bins.slip)
     rows = []
     for i in range(len(b.slip)):
         numbers = (f"{x[i]:.4f}" for x in (b.most, b.mean, b.least, b.deviation))
@@ -167,41 +178,41 @@ def _bin_table(found: Identification) -> RenderableType:
 def _peak_table(peaks: tuple[PeakSlip, ...]) -> RenderableType:
     rows = []
     for peak in peaks:
-        found = (_range(peak.slip, peak.slip_interval, 3), _range(peak.coefficient, peak.coefficient_interval, 4))
+        result = (_range(peak.slip, peak.slip_interval, 3), _range(peak.coefficient, peak.coefficient_interval, 4))
         held = (fixed(peak.reference, 4), fixed(peak.reference_coefficient, 4))
-        rows.append((peak.rail.value, peak.basis, f"{peak.speed / KMH:.4g}", *found, *held))
+        rows.append((peak.rail.value, peak.basis, f"{peak.speed / KMH:.4g}", *result, *held))
     return Table(
-        ("Rail", "From", "km/h", "Peak slip (95 %)", "Peak mu (95 %)", "Hold slip", "mu there"),
+        ("Rail", "Source", "km/h", "Peak slip (95 %)", "Peak mu (95 %)", "Reference", "mu at it"),
         rows,
         left=2,
     )
 
 
-def _verdict(found: Identification) -> str:
-    if found.reference is None:
-        return f"Reference: none; {found.no_reference}"
-    held = f"{found.reference.wet:.4g} (wet)"
-    if found.setting.rail.value == "dry":
-        by_rule = "not from this log but from the dry law by the model's own rule"
-        held = f"{found.reference.dry:.4g} (dry), {found.reference.wet:.4g} (wet, {by_rule})"
-    return f"Reference: hold slip {held}{_doubt(found)}"
+def _verdict(result: Identification) -> str:
+    if result.reference is None:
+        return f"Reference slip: none; {result.no_reference}"
+    held = f"{result.reference.wet:.4g} (wet)"
+    if result.setting.rail.value == "dry":
+        by_rule = "computed from the dry law by the rule of the model, not from this log"
+        held = f"{result.reference.dry:.4g} (dry), {result.reference.wet:.4g} (wet, {by_rule})"
+    return f"Reference slip: {held}{_peak_warning(result)}"
 
 
-def _doubt(found: Identification) -> str:
-    """Return a remark if the reference slip may be beyond the peak."""
-    peak = found.own_peak
+def _peak_warning(result: Identification) -> str:
+    """Return a warning if the reference slip may be beyond the adhesion peak."""
+    peak = result.own_peak
     low = peak.lowest_slip
     if peak.reference <= low * (1.0 + 1e-9):
         return ""
     lost = 100 * (1 - peak.reference_coefficient / peak.coefficient)
-    known = f"only from slip {max(low, 0.0):.3g} up" if math.isfinite(low) else "without an interval"
+    known = f"has a 99 % interval from {max(low, 0.0):.3g}" if math.isfinite(low) else "has no 99 % interval"
     return (
-        f"; the peak is known {known} (99 %), so that this slip, with mu {lost:.0f} % below the highest, may be beyond "
-        "it; record a log with more slip around the peak"
+        f"; the peak slip {known}; the reference slip, with mu {lost:.0f} % below the highest, may be beyond it; "
+        "record a log with more slip around the peak"
     )
 
 
-# --- the model's file ----------------------------------------------------------------------------------------------
+# --- file of the adhesion law --------------------------------------------------------------------------------------
 
 
 @checked
@@ -219,7 +230,7 @@ def model_toml(found: Identification) -> str:
         f"Initial speed {found.setting.initial_speed / KMH:.4g} km/h, wheel load {load:g} N.",
         f"Mean absolute error of mu {found.chosen.mean_abs_error:.3g}.",
         *(f"{p.name}: standard error {p.stderr:.3g}" for p in fit.parameters if math.isfinite(p.stderr)),
-        *(f"Warning: {warning}" for warning in (*found.warnings, *found.doubts)),
+        *(f"Warning: {warning}" for warning in (*found.warnings, *found.fit_warnings)),
         *fit.notes,
         *curve.notes,
         *found.peak_notes,
@@ -228,40 +239,40 @@ def model_toml(found: Identification) -> str:
     return law_toml(fit.law, reference=found.reference, wheel_load=load, speeds_kmh=speeds, comments=comments)
 
 
-def series_toml(found: LogSeries) -> str | None:
+def series_toml(result: LogSeries) -> str | None:
     """Return the law over the initial speed as TOML text; None for tables, whose knots differ."""
-    fits, speeds = [each.chosen.fit for each in found.logs], [each.setting.initial_speed for each in found.logs]
+    fits, speeds = [each.chosen.fit for each in result.logs], [each.setting.initial_speed for each in result.logs]
     if fits[0].model.name == "table":
         return None
     comments = [
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
-        "For --adhesion with --initial-speed. The reference slips are those of the logs, at their speeds.",
-        *(text for p in found.polynomials for text in _errors_of(p)),
-        *(f"Warning: {warning}" for each in found.logs for warning in (*each.warnings, *each.doubts)),
-        *(f"Warning: {warning}" for warning in found.warnings),
-        *(f"{each.curve.name}: {note}" for each in found.logs for note in each.curve.notes),
+        "Use with --adhesion and --initial-speed. Reference slips are those of the logs at their initial speeds.",
+        *(text for p in result.polynomials for text in _errors_of(p)),
+        *(f"Warning: {warning}" for each in result.logs for warning in (*each.warnings, *each.fit_warnings)),
+        *(f"Warning: {warning}" for warning in result.warnings),
+        *(f"{each.curve.name}: {note}" for each in result.logs for note in each.curve.notes),
     ]
-    coefficients = {p.name: p.coefficients for p in found.polynomials} | of_known(speeds, fits)
+    coefficients = {p.name: p.coefficients for p in result.polynomials} | known_polynomials(speeds, fits)
     limits = (float(round(min(speeds) / KMH)), float(round(max(speeds) / KMH)))
     numbers = {name: values.tolist() for name, values in coefficients.items()}
-    held, load = _references(found), sum(each.setting.wheel_load for each in found.logs) / len(fits)
+    held, load = _references(result), sum(each.setting.wheel_load for each in result.logs) / len(fits)
     return polynomials_toml(fits[0].law, numbers, limits, references=held, wheel_load=load, comments=comments)
 
 
 def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
-    """Return the standard errors of a parameter's polynomial, of its (correlated) coefficients and of its values."""
+    """Return lines with the standard errors of a polynomial's coefficients, which are correlated, and values."""
     if not all(math.isfinite(x) for x in p.stderrs):
-        return (f"{p.name}: standard errors not known, because not every log gives one",)
+        return (f"{p.name}: standard errors unknown, because a log has none",)
     values = (f"{p.stderr_at(speed):.3g} at {speed:.4g} km/h" for speed in sorted({*p.speeds_kmh.tolist()}))
     errors = ", ".join(f"{x:.3g}" for x in p.stderrs)
     text = f"{p.name}: standard errors of the coefficients {errors}; of the value {', '.join(values)}"
     return (text, p.misses) if p.misses else (text,)
 
 
-def _references(found: LogSeries) -> dict[float, ReferenceSlip]:
-    """Return the reference slips by v0 in km/h, the lowest of logs at one speed; none unless every log has them."""
+def _references(result: LogSeries) -> dict[float, ReferenceSlip]:
+    """Return the reference slips by v0, km/h, the lowest of logs with the same v0; empty if a log has none."""
     slips: dict[float, ReferenceSlip] = {}
-    for each in found.logs:
+    for each in result.logs:
         if each.reference is None:
             return {}
         v0 = float(round(each.setting.initial_speed / KMH, 1))
@@ -278,11 +289,12 @@ def law_toml(
     speeds_kmh: tuple[float, float] | None = None,
     comments: Iterable[str] = (),
 ) -> str:
-    """Return the text of an adhesion law's file, with all digits, so that reading it gives the same law.
+    """Return the file of an adhesion law as text, with all digits, so that reading it gives the same law.
 
     - wheel_load: wheel load of the log, N.
-    - speeds_kmh: lowest and highest initial speed of the log.
-    - comments: lines for the head of the file.
+    - reference: reference slips; None if there are none.
+    - speeds_kmh: lowest and highest initial speed of the log, km/h.
+    - comments: comment lines at the beginning of the file.
     """
     lines = [*_head(law, wheel_load, speeds_kmh, comments), "", "[parameters]"]
     for name in law.parameter_names():
@@ -296,7 +308,7 @@ def law_toml(
 
 
 def _rails_of(law: AdhesionLaw, references: Iterable[ReferenceSlip]) -> tuple[str, ...]:
-    """Return the rails with a reference slip in a law's file: only wet if the log is from wet rail."""
+    """Return the rails that have a reference slip in a law's file: only wet if the log is from wet rail."""
     wet_alone = law.rail is Rail.WET and all(each.dry == each.wet for each in references)
     return (Rail.WET.value,) if wet_alone else tuple(ReferenceSlip.model_fields)
 
@@ -308,7 +320,7 @@ def _head(
     lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
     if speeds_kmh is not None:
         lines.append(f"initial_speed_range = {_number(speeds_kmh)}  # km/h, range of v0 of the parameters")
-    return [*lines, f"wheel_load = {wheel_load!r}  # N, of the log; parameters that are forces hold for this load"]
+    return [*lines, f"wheel_load = {wheel_load!r}  # N, of the log; force parameters are valid for this load"]
 
 
 def polynomials_toml(
@@ -320,18 +332,20 @@ def polynomials_toml(
     wheel_load: float,
     comments: Iterable[str] = (),
 ) -> str:
-    """Return the text of a file with parameters over the initial speed: coefficients of powers of v0 in km/h, SI.
+    """Return a law file with parameters over the initial speed as text.
 
-    - law: name and rail condition; speeds_kmh: range of v0.
+    - law: adhesion law that gives name and rail condition.
+    - coefficients: coefficients of powers of v0 in km/h by parameter, SI.
+    - speeds_kmh: range of v0, km/h.
     - references: reference slips by v0 in km/h; may be empty.
     - wheel_load, comments: as in `law_toml`.
     """
     lines = _head(law, wheel_load, speeds_kmh, comments)
-    lines += ["", "[polynomials]  # of the initial speed v0 in km/h: constant, factor of v0, of v0^2"]
+    lines += ["", "[polynomials]  # in the initial speed v0, km/h: constant, factor of v0, factor of v0^2"]
     lines += [f"{name} = {_number(tuple(coefficients[name]))}" for name in law.parameter_names()]
     if references:
         speeds = tuple(sorted(references))
-        lines += ["", "[reference_slip]  # at these initial speeds, linear between them"]
+        lines += ["", "[reference_slip]  # at these initial speeds, km/h; linear between them"]
         lines.append(f"initial_speed = {_number(speeds)}")
         for name in _rails_of(law, references.values()):
             lines.append(f"{name} = {_number(tuple(getattr(references[speed], name) for speed in speeds))}")
@@ -341,51 +355,51 @@ def polynomials_toml(
 def _number(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_number(each) for each in value) + "]"
-    assert math.isfinite(value), "records reject other numbers"
+    assert math.isfinite(value), "records accept only finite numbers"
     return repr(float(value))
 
 
 # --- results of `railslip identify` as JSON --------------------------------------------------------------------------
 
 
-def identification_json(found: Identification) -> dict[str, Any]:
+def identification_json(result: Identification) -> dict[str, Any]:
     """Return the result of one log as JSON: the chosen model, the comparison, the curve, the peaks and the log."""
-    fit, curve = found.chosen.fit, found.curve
+    fit, curve = result.chosen.fit, result.curve
     return {
-        **_errors_json(found.chosen, found.regimes),
+        **_errors_json(result.chosen, result.regimes),
         "parameters": {
             p.name: {**exported(p, "value", "stderr", "status", interval_99="interval"), "unit": fit.model.unit(p.name)}
             for p in fit.parameters
         },
         "points": curve.survey.used,
         **exported(fit, "correlation", known="model.known"),
-        "notes": [*fit.notes, *curve.notes, *found.peak_notes],
-        **exported(found, "not_fitted", reference_slip="reference", reference_slip_reason="no_reference"),
-        "peaks": [_peak_json(peak) for peak in found.peaks],
+        "notes": [*fit.notes, *curve.notes, *result.peak_notes],
+        **exported(result, "not_fitted", reference_slip="reference", reference_slip_reason="no_reference"),
+        "peaks": [_peak_json(peak) for peak in result.peaks],
         "models": [
             {
-                **_errors_json(score, found.regimes),
+                **_errors_json(score, result.regimes),
                 **exported(score, "aic", "bic", independent_samples="independent", notes="fit.notes"),
                 "parameters": {p.name: p.value for p in score.fit.parameters},
             }
-            for score in found.scores
+            for score in result.scores
         ],
-        "models_note": too_few(found.scores) or None,
-        "curve": _bins_json(found),
-        "log": _log_json(found),
+        "models_note": criteria_note(result.scores) or None,
+        "curve": _bins_json(result),
+        "log": _log_json(result),
     }
 
 
-def series_json(found: LogSeries) -> dict[str, Any]:
-    """Return the result of several logs as JSON: parameters over v0, with `value` at the mean v0, and each log."""
-    first = found.logs[0].chosen.fit
+def series_json(result: LogSeries) -> dict[str, Any]:
+    """Return the result of several logs as JSON: parameters over v0, their `value` at the mean v0, and each log."""
+    first = result.logs[0].chosen.fit
     return {
         "model": first.model.name,
-        "parameters": {p.name: _polynomial_json(p, first) for p in found.polynomials},
-        "mean_abs_error": sum(each.chosen.mean_abs_error for each in found.logs) / len(found.logs),
-        "points": sum(each.curve.survey.used for each in found.logs),
-        "warnings": list(found.warnings),
-        "logs": [identification_json(each) for each in found.logs],
+        "parameters": {p.name: _polynomial_json(p, first) for p in result.polynomials},
+        "mean_abs_error": sum(each.chosen.mean_abs_error for each in result.logs) / len(result.logs),
+        "points": sum(each.curve.survey.used for each in result.logs),
+        "warnings": list(result.warnings),
+        "logs": [identification_json(each) for each in result.logs],
     }
 
 
@@ -421,26 +435,26 @@ def _peak_json(peak: PeakSlip) -> dict[str, Any]:
     }
 
 
-def _bins_json(found: Identification) -> list[dict[str, Any]]:
-    bins = found.curve.bins
+def _bins_json(result: Identification) -> list[dict[str, Any]]:
+    bins = result.curve.bins
     columns = exported(bins, "slip", "count", "mean", slip_from="low", slip_to="high", max="most", min="least")
-    columns |= {"standard_deviation": plain(bins.deviation), "regime": found.regimes.of(bins.slip).tolist()}
+    columns |= {"standard_deviation": plain(bins.deviation), "regime": result.regimes.of(bins.slip).tolist()}
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _log_json(found: Identification) -> dict[str, Any]:
-    curve = found.curve
-    adhesion, sliding = curve.parted_at(found.regimes.boundary)
+def _log_json(result: Identification) -> dict[str, Any]:
+    curve = result.curve
+    adhesion, sliding = curve.split_counts(result.regimes.boundary)
     named = {"gaps": "gap_count", "regripping_rows": "readhesion"}
     rolling = curve.rolling
     return {
         **exported(curve, "outliers", "broken_lines", "deceleration_ratio", file="name", tau_s="time_constant"),
         **exported(curve.survey, "rows", "runs", **named),
-        **exported(found.setting, "rail", "slip_acceleration", wheel_load_n="wheel_load"),
-        **exported(found.regimes, sliding_from_slip="boundary", sliding_from="source"),
-        "vehicle": found.vehicle.name,
-        "initial_speed_kmh": found.setting.initial_speed / KMH,
-        "observer": found.options.observer.value,
+        **exported(result.setting, "rail", "slip_acceleration", wheel_load_n="wheel_load"),
+        **exported(result.regimes, sliding_from_slip="boundary", sliding_from="source"),
+        "vehicle": result.vehicle.name,
+        "initial_speed_kmh": result.setting.initial_speed / KMH,
+        "observer": result.options.observer.value,
         "rows_followed": len(curve.record),
         "rows_followed_note": curve.followed_note or None,
         "adhesion_regime_points": adhesion,
@@ -451,7 +465,7 @@ def _log_json(found: Identification) -> dict[str, Any]:
             {"column": step.label, "step": step.step, "as_mu" if step.is_torque else "as_slip": step.share}
             for step in curve.steps
         ],
-        "warnings": [*found.warnings, *found.doubts],
+        "warnings": [*result.warnings, *result.fit_warnings],
     }
 
 
@@ -460,14 +474,14 @@ def _rolling_json(rolling: Rolling) -> dict[str, Any]:
     return {**exported(rolling, "slip", **names), "speed_kmh": rolling.speed / KMH}
 
 
-# --- the observed adhesion of a log as CSV, with the regime of each row; written completely or not at all ------------
+# --- observed adhesion of a log as CSV, with the regime of each row; written completely or not at all ----------------
 
 
 COLUMNS = (
     *("time [s]", "filtered train speed [km/h]", "filtered slip [1]", "filtered wheel load [N]"),
     *("adhesion torque [N*m]", "mu [1]", "regime"),
 )
-"""Header of the file. The observer's filter delays the observed torque; the other columns have the same delay."""
+"""Header of the CSV file. The observer's filter delays the observed torque; the other columns have the same delay."""
 
 _SLIP = COLUMNS.index("filtered slip [1]")
 _NUMBERS = len(COLUMNS) - 1
@@ -475,7 +489,7 @@ _BLOCK = 1 << 16  # number of rows in memory at a time
 
 
 class ObservedRows:
-    """Observed rows, stored as bytes in a temporary file until the regimes are known.
+    """Observed rows of a log, stored as bytes in a temporary file until the regimes are known.
 
     - path: CSV file to write.
     - radius: wheel radius, m.
@@ -506,7 +520,7 @@ class ObservedRows:
 
 @contextmanager
 def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | None]:
-    """Give an object that writes observed samples to the file at `path` when it is finished; None without a path.
+    """Yield an object that stores observed samples, and writes them to `path` by its `finish`; None without a path.
 
     `radius` is the wheel radius, m. InputError if the file cannot be written.
     """

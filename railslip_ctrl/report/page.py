@@ -1,4 +1,4 @@
-"""Make one HTML page of the blocks of `document`, with embedded pictures and typeset text and formulas."""
+"""HTML page of the blocks of `document`, with embedded pictures, typeset text and formulas."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ def page(
     date: datetime.date,
     seconds: float,
 ) -> str:
-    """Return one HTML document that loads nothing: it contains its style and pictures.
+    """Return an HTML document that contains its style and pictures, so that it loads no other file.
 
+    - first, sections: first page and further sections.
     - pictures: SVG by the names that `first` and `sections` use.
     - command, date, seconds: command that made the report, its date and computing time, s.
     """
@@ -51,7 +52,7 @@ def page(
 
 
 def _linked(source: str) -> Markup:
-    """Return a source with links for a DOI or an address."""
+    """Return a source as HTML, with a link for a DOI or an address."""
     from markupsafe import Markup, escape
 
     def link(match: re.Match[str]) -> str:
@@ -64,7 +65,7 @@ def _linked(source: str) -> Markup:
 def css_string(text: str) -> str:
     """Escape text for a string in a style sheet.
 
-    Characters other than letters, digits and spaces become their number and a space.
+    Characters other than ASCII letters, digits and spaces become escapes by their code.
     """
     return "".join(c if c.isascii() and (c.isalnum() or c == " ") else f"\\{ord(c):06x} " for c in text)
 
@@ -81,11 +82,11 @@ _GREEK = {
 _ACCENTS = {"_tilde": "\N{COMBINING TILDE}", "_hat": "\N{COMBINING CIRCUMFLEX ACCENT}", None: ""}
 _LETTERS = "|".join(sorted(_GREEK, key=len, reverse=True))
 _RULES: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
-    (r"(\d)e([+-]?)0*(\d+)\b", lambda found: f"{found[1]}·10{(found[2] + found[3]).translate(_RAISED)}"),
-    (r"\*\*(\d+)|(?<=[\w)|])\^(-?\d+)", lambda found: (found[1] or found[2]).translate(_RAISED)),
+    (r"(\d)e([+-]?)0*(\d+)\b", lambda match: f"{match[1]}·10{(match[2] + match[3]).translate(_RAISED)}"),
+    (r"\*\*(\d+)|(?<=[\w)|])\^(-?\d+)", lambda match: (match[1] or match[2]).translate(_RAISED)),
     (
         rf"(?<![A-Za-z])({_LETTERS})(\d?)(_tilde|_hat)?(?![A-Za-z])",
-        lambda found: _GREEK[found[1]] + _ACCENTS[found[3]] + found[2].translate(_LOWERED),
+        lambda match: _GREEK[match[1]] + _ACCENTS[match[3]] + match[2].translate(_LOWERED),
     ),
     (r"(?<=[\w)|²³⁴\u0302\u0303₁₂])\*(?=[\w(|])", "·"),
     (r"\bN m\b", "N·m"),
@@ -117,7 +118,7 @@ def typeset(text: str) -> Markup:
 
 
 def with_units(text: str) -> str:
-    """Return text, or HTML, without line breaks between a number and its unit."""
+    """Return text, or HTML, with a no-break space between a number and its unit."""
     from markupsafe import Markup
 
     joined = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)

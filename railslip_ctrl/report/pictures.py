@@ -1,4 +1,4 @@
-"""Draw and write the pictures of a result, after the numbers, which do not depend on them."""
+"""Drawing and writing of the pictures of a result; a failure does not affect the numbers."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Drawings: TypeAlias = "Mapping[str, Figure | Callable[[], Figure]]"  #: figures 
 
 
 class Pictures:
-    """Pictures of a result; a failure of one affects neither the numbers nor other pictures.
+    """Pictures of a result; if a picture fails, the numbers and earlier pictures are still written.
 
-    - drawn: content by name and suffix.
-    - failure: reason why a picture is missing; empty if none is.
+    - drawn: content of the pictures by name and suffix.
+    - failure: reason why a picture is missing; empty if none is missing.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class Pictures:
         self.failure = ""
 
     def draw(self, figures: Callable[[], Drawings], forms: Sequence[str] = ("png", "svg")) -> None:
-        """Draw the missing pictures by name, with Matplotlib's default settings."""
+        """Draw the missing pictures of `figures()` as `forms`, with Matplotlib's default settings."""
         self.failure = ""
         try:
             from railslip_ctrl.report.plots.style import figure_files, standard_settings
@@ -45,7 +45,7 @@ class Pictures:
         return {f"{name}.{form}": content for name, forms in self.drawn.items() for form, content in forms.items()}
 
     def write(self, directory: Path, written: Sequence[Path], files: Mapping[str, FileContent]) -> int:
-        """Write `files` after those already `written`, and return the number of both.
+        """Write `files` into `directory`; return their number plus that of the files already `written`.
 
         InputError if a picture is missing.
         """
@@ -58,7 +58,7 @@ class Pictures:
             names = ", ".join(path.name for path in written)
             raise InputError(
                 f"--out: not every picture could be made ({failure}); written to {str(directory)!r}: {names}; "
-                "do not use any other file there"
+                "do not use other files of this folder"
             )
         return len(written)
 
@@ -69,7 +69,7 @@ def write_results(
     figures: Callable[[], Drawings],
     forms: Sequence[str] = ("png", "svg"),
 ) -> int:
-    """Write results, then draw and write pictures; return the number of files. InputError if a picture is missing."""
+    """Write `results`, then draw and write pictures; return the number of files; InputError if a picture is missing."""
     written, pictures = write_files(directory, results), Pictures()
     pictures.draw(figures, forms)
     return pictures.write(directory, written, pictures.files())

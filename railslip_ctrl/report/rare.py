@@ -1,4 +1,4 @@
-"""Rare events and confidence levels as text, JSON and files."""
+"""Results of rare-event simulation and of confidence levels as text, JSON and files."""
 
 from __future__ import annotations
 
@@ -20,74 +20,75 @@ from railslip_ctrl.simulation.campaign.statistics import CONFIDENCE
 from .document import Facts, Table, fixed, heading, render
 from .export import FileContent, exported, json_text
 
-Found = RareEvent | ConfidenceLevels
+Result = RareEvent | ConfidenceLevels
 Rows = list[tuple[str, str]]
 
-_HOLDS = "It holds for this model and these distributions, all independent; it is no proof of conformity to a standard."
+_HOLDS = "Valid for this model with these independent distributions; it does not prove conformity to a standard."
 
 
-def text_of(found: Found) -> str:
-    """Probability, contributions and most likely failing stop as text; or the table of Kdry_rst."""
-    facts, table, last = _levels(found) if isinstance(found, ConfidenceLevels) else _event(found)
-    title = heading(f"{found}: {found.campaign.scenario.name}, {found.campaign.controllers[0].label}")
-    warnings = [Text(f"Warning: {warning}.") for warning in found.warnings]
+def text_of(result: Result) -> str:
+    """Return probability, contributions and most likely failing stop, or the table of Kdry_rst, as text."""
+    facts, table, last = _levels(result) if isinstance(result, ConfidenceLevels) else _event(result)
+    title = heading(f"{result}: {result.campaign.scenario.name}, {result.campaign.controllers[0].label}")
+    warnings = [Text(f"Warning: {warning}.") for warning in result.warnings]
     return render([title, Facts(facts), *warnings, table, *last, Text(_HOLDS)])
 
 
-def _levels(found: ConfidenceLevels) -> tuple[Rows, Table, list[RenderableType]]:
-    rows = [(str(n), f"{p:g}", fixed(k.value * found.nominal, 4), _interval(*k, digits=4)) for n, p, k in found.factors]
-    head = "EBCL", "falls short with", "deceleration (m/s^2)", f"Kdry_rst, {100 * CONFIDENCE:g} % interval"
-    return [("Nominal", f"{found.nominal:.4g} m/s^2, mean over the distance")], Table(head, rows), []
+def _levels(result: ConfidenceLevels) -> tuple[Rows, Table, list[RenderableType]]:
+    levels, nominal = result.factors, result.nominal
+    rows = [(str(n), f"{p:g}", fixed(k.value * nominal, 4), _interval(*k, digits=4)) for n, p, k in levels]
+    head = "EBCL", "probability of lower", "deceleration (m/s^2)", f"Kdry_rst, {100 * CONFIDENCE:g} % interval"
+    return [("Nominal", f"{nominal:.4g} m/s^2, mean over the distance")], Table(head, rows), []
 
 
-def _event(found: RareEvent) -> tuple[Rows, Table, list[RenderableType]]:
+def _event(result: RareEvent) -> tuple[Rows, Table, list[RenderableType]]:
     facts = [
-        (name, f"{_interval(*one[:3], digits=3)}, coefficient of variation {100.0 * one.variation:.0f} %")
-        for name, one in (("Subset simulation", found.subset), ("Importance sampling", found.importance))
-        if one is not None
+        (name, f"{_interval(*estimate[:3], digits=3)}, coefficient of variation {100.0 * estimate.variation:.0f} %")
+        for name, estimate in (("Subset simulation", result.subset), ("Importance sampling", result.importance))
+        if estimate is not None
     ]
-    shares = sorted(found.shares.items(), key=lambda item: -item[1])
-    table = Table(("what makes it likely", "share, %"), [(name, f"{100.0 * share:.1f}") for name, share in shares])
-    if found.stop is None:
+    shares = sorted(result.shares.items(), key=lambda item: -item[1])
+    table = Table(("Contribution of", "share, %"), [(name, f"{100.0 * share:.1f}") for name, share in shares])
+    if result.stop is None:
         return facts, table, []
-    run, rows = found.stop.run, [(name, fixed(value)) for name, value in found.stop.values.items()]
+    run, rows = result.stop.run, [(name, fixed(value)) for name, value in result.stop.values.items()]
     rows += [
         ("Ends", f"{run.outcome.value} after {run.braking_time:.4g} s and {run.braking_distance:.5g} m"),
-        ("From the medians", f"{found.stop.distance:.3g} standard deviations of all inputs together"),
-        ("Repeat it", "railslip simulate --scenario stop.toml --controller controller.toml --seed stop.npz"),
+        ("From the medians", f"{result.stop.distance:.3g} standard deviations, for all inputs together"),
+        ("To repeat it", "railslip simulate --scenario stop.toml --controller controller.toml --seed stop.npz"),
     ]
     return facts, table, [heading("Most likely failing stop", "-"), Facts(rows)]
 
 
-def json_of(found: Found) -> dict[str, Any]:
-    """The result as JSON, unrounded."""
-    own = {"version": __version__, **exported(found, "stops", "warnings", hash="campaign.fingerprint")}
-    if isinstance(found, ConfidenceLevels):
-        return own | exported(found, "factors", nominal_deceleration="nominal")
+def json_of(result: Result) -> dict[str, Any]:
+    """Return the result as JSON, unrounded."""
+    own = {"version": __version__, **exported(result, "stops", "warnings", hash="campaign.fingerprint")}
+    if isinstance(result, ConfidenceLevels):
+        return own | exported(result, "factors", nominal_deceleration="nominal")
     names = ("probability", "subset", "importance", "levels", "shares")
-    stop = found.stop and {
-        **exported(found.stop, "distance", "values"),
-        **exported(found.stop.run, "outcome", "braking_distance", "braking_time", "max_slip"),
+    stop = result.stop and {
+        **exported(result.stop, "distance", "values"),
+        **exported(result.stop.run, "outcome", "braking_distance", "braking_time", "max_slip"),
     }
-    return {"event": str(found.event), **own, **exported(found, *names), "stop": stop}
+    return {"event": str(result.event), **own, **exported(result, *names), "stop": stop}
 
 
-def files_of(found: Found, scenario: str) -> dict[str, FileContent]:
-    """Files by name; `scenario` is the campaign's, by name or path."""
-    name = "rare" if isinstance(found, RareEvent) else "confidence"
-    files: dict[str, FileContent] = {f"{name}.txt": text_of(found), f"{name}.json": json_text(json_of(found))}
-    rows = zip(*(column.tolist() for column in found.tail[:4]), strict=True)
-    files["tail.csv"] = _csv("{} [{}],probability [1],low [1],high [1]".format(*found.measured), rows)
-    if isinstance(found, ConfidenceLevels):
-        levels = ((n, p, k.value * found.nominal, *k) for n, p, k in found.factors)
+def files_of(result: Result, scenario: str) -> dict[str, FileContent]:
+    """Return files by name; `scenario` is the name or path of the campaign's scenario."""
+    name = "rare" if isinstance(result, RareEvent) else "confidence"
+    files: dict[str, FileContent] = {f"{name}.txt": text_of(result), f"{name}.json": json_text(json_of(result))}
+    rows = zip(*(column.tolist() for column in result.tail[:4]), strict=True)
+    files["tail.csv"] = _csv("{} [{}],probability [1],low [1],high [1]".format(*result.measured), rows)
+    if isinstance(result, ConfidenceLevels):
+        levels = ((n, p, k.value * result.nominal, *k) for n, p, k in result.factors)
         files["confidence.csv"] = _csv("ebcl,probability,deceleration [m/s^2],kdry_rst [1],low [1],high [1]", levels)
-    elif found.stop is not None:
-        changes = found.campaign.changes(found.stop.values.values()).get(0, {})
+    elif result.stop is not None:
+        changes = result.campaign.changes(result.stop.values.values()).get(0, {})
         numbers = (f"{json.dumps(path)} = {value!r}" for path, value in changes.items())
         files["stop.toml"] = "\n".join([f"extends = {json.dumps(scenario)}", "", "[changes]  # SI", *numbers]) + "\n"
-        files["stop.npz"] = partial(np.savez, **found.stop.noise._asdict())
-        with suppress(InputError):  # a Python step has no controller file
-            files["controller.toml"] = found.stop.run.controller.toml
+        files["stop.npz"] = partial(np.savez, **result.stop.noise._asdict())
+        with suppress(InputError):  # a controller known only by its step has no file
+            files["controller.toml"] = result.stop.run.controller.toml
     return files
 
 

@@ -1,8 +1,9 @@
 """Computation of a design report, and its records.
 
-`design_report` tunes each linear structure over the envelope (`Selection`). It runs the most robust designs, and every
-kind that follows from the vehicle alone, in the same stops (`Trial`), and takes the best by `ordered`. For that one it
-computes margins, limits and gain maps and, if no candidate qualifies, a remedy (`DesignReport`).
+`design_report` tunes PI and PI-lead over the envelope (`Selection`). The most robust designs, and every controller
+whose parameters follow from the vehicle alone, run in the same stops (`Trial`). `ordered` chooses the best one. For
+this one `design_report` computes margins, limits and a gain map and, if no candidate qualifies, a better brake
+(`DesignReport`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from railslip_ctrl.controllers.files import as_control
 from railslip_ctrl.controllers.pi import PI
 from railslip_ctrl.controllers.slide_protection import SlideProtection
 from railslip_ctrl.controllers.systems import PIController, linear_controller, linear_of
+from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.core.folders import cache_folder, cached, look_up
 from railslip_ctrl.core.processes import cpu_count, processes
@@ -67,7 +69,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LawCurve:
-    """Adhesion coefficient over the slip ratio for a law, rail and speed, and its peak."""
+    """Adhesion coefficient (n,) over the slip ratio (n,) for the law, rail and speed of a point, with its peak."""
 
     point: OperatingPoint
     slip: Floats
@@ -77,7 +79,7 @@ class LawCurve:
 
 @dataclass(frozen=True)
 class ShownLoop:
-    """A loop for a picture: its label, the loop, and its frequency response."""
+    """A loop drawn in a picture, with its label and its frequency response."""
 
     label: str
     loop: Any
@@ -86,7 +88,11 @@ class ShownLoop:
 
 @dataclass(frozen=True)
 class GainMap:
-    """Worst Ms at operating points over kp (m,) and ki (n,) with the design's lead, (m, n); inf if unstable."""
+    """Worst Ms (m, n) over kp (m,) and ki (n,) at some operating points, with the design's lead; inf if unstable.
+
+    - chosen: kp and ki of the design.
+    - points: number of operating points.
+    """
 
     kp: Floats
     ki: Floats
@@ -97,7 +103,7 @@ class GainMap:
 
 @dataclass(frozen=True)
 class Responses:
-    """Responses of the recommended design to a step of the reference slip velocity and of torque at the wheel."""
+    """Responses of the recommended design to steps of the reference slip velocity and of torque at the wheel (N*m)."""
 
     point: OperatingPoint
     load_step: float
@@ -107,28 +113,32 @@ class Responses:
 
 @dataclass(frozen=True)
 class Sliding:
-    """Conditions of the predictive sliding-mode law; None with the reason if they are not known."""
+    """Verified conditions of the predictive sliding-mode law; None, with the reason, if they were not computed."""
 
-    found: Verification | None
+    verification: Verification | None
     reason: str = ""
 
 
 @dataclass(frozen=True)
 class Released:
-    """A recorded stop of the recommended design beside the certified no-lock region of its law, load and rail.
+    """A recorded stop of the recommended design, and the samples at which a brake release certainly prevents a lock.
 
-    `region` is computed only for stops that are drawn. Both fields are None with the reason if there is no certificate.
+    - certified: None, with the `reason`, if the stop cannot be certified.
+    - region: certified no-lock region; computed only for stops that are drawn.
     """
 
     stop: Stop
-    found: ReleasedRun | None = None
+    certified: ReleasedRun | None = None
     region: NoLock | None = None
     reason: str = ""
 
 
 @dataclass(frozen=True)
 class UnjudgedSlips:
-    """Slip ratios held in stops on a law and rail but not judged, and the worst Ms there, inf if unstable."""
+    """Slip ratios held in stops with a law and rail at which the margins were not judged, with the worst Ms there.
+
+    ms: inf if a loop is unstable.
+    """
 
     law: str
     rail: Rail
@@ -138,7 +148,7 @@ class UnjudgedSlips:
 
 @dataclass(frozen=True)
 class Rival:
-    """A user's controller, run beside the recommended one, and judged, or the `reason` why it cannot be judged."""
+    """A user's controller in the stops of the report, with its judgement, or the `reason` why it has none."""
 
     name: str
     judgement: Judgement | None
@@ -147,38 +157,38 @@ class Rival:
 
     @property
     def above_kmh(self) -> float | None:
-        """Speed, km/h, above which it may be used, by its margins and the stops as given; see `Trial`."""
+        """Speed, km/h, above which margins and nominal stops allow its use; None if it must not be used."""
         robust = None if self.judgement is None else self.judgement.robust_from_kmh
         return None if any(stop.locked_from > stop.cut_out for stop in self.stops) else robust
 
 
 @dataclass(frozen=True)
 class DesignReport:
-    """Content of a report on a vehicle; fields without content are empty or None."""
+    """Content of the design report of a vehicle; fields without content are empty or None."""
 
-    envelope: Envelope  # the envelope of the design, with the vehicle
-    nominal: bool  # whether only operating points are judged
-    selection: Selection  # the linear designs, the best first
+    envelope: Envelope  # envelope of the design, which contains the vehicle
+    nominal: bool  # true if only operating points are judged, without tolerances
+    selection: Selection  # tuned linear designs, the best first
     trials: tuple[Trial, ...] = ()  # every candidate that ran, the best first
     control: Controller | None = None  # the recommended controller as in `recommended.toml`
-    above_kmh: float | None = None  # speed of the best trial from which it qualifies
-    # judged from `above_kmh` or the hand-over up; if it is None, at all speeds at which it is stable, or at all speeds;
-    # None without margins
+    above_kmh: float | None = None  # km/h, speed above which the best candidate qualifies
+    # judgement above the lowest speed of the best trial and the hand-over speed; over all speeds if none is above;
+    # None for a controller without margins
     in_use: Judgement | None = None
     worst_loops: tuple[ShownLoop, ...] = ()  # loops at the worst operating point, and at the worst with tolerances
-    stops: tuple[Stop, ...] = ()  # stops of the recommended design
+    stops: tuple[Stop, ...] = ()  # nominal stops of the recommended design
     harder_stops: tuple[Stop, ...] = ()  # its stops with errors of sensors and brake, and on a changing rail
-    unjudged_slips: tuple[UnjudgedSlips, ...] = ()  # slips that the seeking controller holds but that were not judged
-    rolling: tuple[RollingLoop, ...] = ()  # loops for the laws and loads with which the wheel oscillates
+    unjudged_slips: tuple[UnjudgedSlips, ...] = ()  # slips held in stops but not judged
+    rolling: tuple[RollingLoop, ...] = ()  # loops near free rolling, where the wheel oscillates
     rivals: tuple[Rival, ...] = ()  # the user's controllers
-    limits: tuple[tuple[OperatingPoint, Limits], ...] = ()  # limits of any controller, hardest for each rail and load
+    limits: tuple[tuple[OperatingPoint, Limits], ...] = ()  # limits for any controller
     curves: tuple[LawCurve, ...] = ()
     gains: GainMap | None = None
     responses: Responses | None = None
-    remedy: Remedy | None = None  # change of the brake that helps if no candidate qualifies
+    remedy: Remedy | None = None  # better brake if no candidate qualifies
     prefer: str = "distance"
     sliding: Sliding = Sliding(None)
-    released: tuple[Released, ...] = ()  # no-lock regions of the recommended design's stops
+    released: tuple[Released, ...] = ()  # certified samples of the recommended design's stops
     seconds: float = math.nan
     date: datetime.date = field(default_factory=datetime.date.today)
 
@@ -189,7 +199,7 @@ class DesignReport:
 
     @property
     def best(self) -> StructureChoice | None:
-        """The recommended choice."""
+        """Structure and design of the recommended candidate."""
         return self.trials[0].choice if self.trials else None
 
     @property
@@ -199,12 +209,12 @@ class DesignReport:
 
     @property
     def judged_envelope(self) -> Envelope:
-        """Envelope with the additional speeds of the best design."""
+        """Envelope with the additional speeds at which the best design was judged."""
         return self.envelope if self.judgement is None else self.judgement.envelope
 
     @property
     def hands_over(self) -> bool:
-        """Whether the controller stops controlling slip below some speed."""
+        """True if a usable design has a hand-over speed, below which it does not control slip."""
         return self.usable and self.control is not None and self.control.controlled_from > 0
 
     @property
@@ -214,7 +224,7 @@ class DesignReport:
 
     @property
     def peer(self) -> Trial | None:
-        """Trial of the rule-based slide protection."""
+        """Trial of the rule-based slide protection; None if it did not run."""
         return next((trial for trial in self.trials if trial.choice.structure == SlideProtection.kind), None)
 
     @property
@@ -228,23 +238,23 @@ class DesignReport:
 
     @property
     def usable(self) -> bool:
-        """Whether a design can be used."""
+        """True if a candidate qualifies."""
         return self.above_kmh is not None
 
     @property
     def longest_stops(self) -> tuple[Stop, ...]:
-        """Longest stop on each rail over all laws and loads, for the first page."""
+        """Longest nominal stop on each rail over all laws and loads."""
         return longest(self.stops)
 
 
 def longest(stops: Sequence[Stop]) -> tuple[Stop, ...]:
-    """Longest stop on each rail."""
+    """Longest of some stops on each rail."""
     rails = dict.fromkeys(stop.rail for stop in stops)
     return tuple(max((s for s in stops if s.rail is rail), key=lambda s: s.distance) for rail in rails)
 
 
 def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
-    """Judgement over the speeds from `from_kmh`, km/h, up."""
+    """Part of a judgement at speeds of at least `from_kmh`, km/h."""
     from_kmh *= 1 - 1e-9  # rounding of the conversion from m/s
     kept = judgement.points.speed_kmh >= from_kmh
     columns: dict[str, Any] = {name: values[kept] for name, values in vars(judgement.margins).items()}
@@ -255,33 +265,34 @@ def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
 
 
 def laws_of(judgement: Judgement) -> Collection[OperatingPoint]:
-    """An operating point of each law and rail, with the first load, at the highest speed."""
+    """One operating point for each law and rail, with the first load and the highest speed."""
     operating = operating_points(judgement.points)
     loads = judgement.points.load[judgement.points.operating].tolist()
     top = max(point.speed for point in operating)
-    found: dict[tuple[str, Rail], OperatingPoint] = {}
+    result: dict[tuple[str, Rail], OperatingPoint] = {}
     for point, load in zip(operating, loads, strict=True):
         if load == loads[0] and point.speed > 0.999 * top:
-            found.setdefault((point.law.name, point.rail), point)
-    return found.values()
+            result.setdefault((point.law.name, point.rail), point)
+    return result.values()
 
 
-# --- the best design over an envelope, and further results for a design review --------------------------------------
+# --- best design over an envelope, and further results for a design review ------------------------------------------
 
 
 Progress = Callable[[str], None]
 
 LOAD_STEP = 100.0
-"""Step of torque at the wheel for the load response, N*m."""
+"""Torque step at the wheel for the load response, N*m; the loop is linear, so that its size only scales the plot."""
 
-_CACHED = "conditions-predictive"
+_CACHED = "conditions-predictive"  # name of the cache of the verified conditions
 _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, slip ratio, and number of points
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # factors on the design's gains; 1 is in the middle
 _RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s, duration of the responses, and number of points
 
-_QUICK_FILTER = 0.05  # share of the lead, tried beside a tenth: twice the gain on noise, but more integral gain
+_QUICK_FILTER = 0.05  # filter time constant over the lead, tried besides 0.1: more noise, but more ki
 
 
+@checked
 def design_report(
     envelope: Envelope,
     *,
@@ -289,55 +300,56 @@ def design_report(
     given: dict[str, Any] | None = None,
     sliding: bool = True,
     fresh: bool = False,
-    prefer: str = "distance",
+    prefer: Literal["distance", "robustness"] = "distance",
     progress: Progress = lambda message: None,
     meanwhile: Callable[[DesignReport], object] = lambda report: None,
 ) -> DesignReport:
-    """Compute everything that a design review needs for one vehicle.
+    """Compute recommendation, margins, stops and limits for the design review of a vehicle.
 
-    - envelope: envelope of the design; `nominal`: judge only its operating points.
-    - given: user's controllers by name; they run beside, as their file states, and are judged if they have margins.
-    - sliding: also decide the conditions of the predictive sliding-mode law, and where the brake can be released
-      without a lock, in another process if there are two cores. `fresh`: do not reuse the conditions of an earlier
-      report on the same vehicle.
+    - envelope: envelope of the design, which contains the vehicle.
+    - nominal: judge only the operating points, without tolerances.
+    - given: user's controllers by name; they run in the same stops and are judged if they have margins.
+    - sliding: also verify the conditions of the predictive sliding-mode law, and find where a brake release prevents a
+      lock; in a second process if there are two cores.
+    - fresh: verify the conditions again instead of reading them from the cache.
     - prefer: {"distance", "robustness"}; order of the candidates that qualify, see `ordered`.
-    - progress: receives a line for each step.
-    - meanwhile: receives the report without rivals and without the results that the other process still computes (gains
-      around the design, attainable stops), so that its pictures can be drawn.
+    - progress: called with one line of text for each step.
+    - meanwhile: called with the unfinished report, without rivals, gain map and attainable stops, which are still
+      computed; its pictures can be drawn in the meantime.
 
     InputError: an envelope without points, or an object that is not a controller.
     """
     started, vehicle, lead = time.perf_counter(), envelope.vehicle, partial(select, envelope, ("pi-lead",))
     rivals: dict[str, Rival] = {}
 
-    def run_beside(one: str, controller: Any) -> None:
-        progress(f"{one}, judged and run beside")
-        rivals[one] = _rival(one, controller, envelope, nominal)
+    def run_rival(name: str, controller: Any) -> None:
+        progress(f"judge and run {name}")
+        rivals[name] = _rival(name, controller, envelope, nominal)
 
     for name, controller in (given or {}).items():
-        if candidates.no_margins(controller):  # its step may fail: run it before the long work
-            run_beside(name, controller)
+        if candidates.no_margins(controller):  # its step may fail: run it first, before the long computation
+            run_rival(name, controller)
     with _beside() as submit:
-        # the other process cannot import a user's law
+        # a second process cannot import a user's law
         sent = all(isinstance(law, str) and law in law_names() for law in envelope.laws)
         here: Beside = submit if sent else partial
-        progress(f"the best design over the envelope of {vehicle.name}")
+        progress(f"tune designs over the envelope of {vehicle.name}")
         plain = here(select, envelope, ("pi",))
         others = [here(candidates.rule_trial, name, envelope, nominal, False) for name in candidates.named(vehicle)]
-        conditions: Callable[[], Sliding] = partial(Sliding, None, "not asked for")
+        conditions: Callable[[], Sliding] = partial(Sliding, None, "not requested")
         if sliding:
             before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
             conditions = submit(_verified, vehicle) if before is None else partial(Sliding, before)
-        found = lead().choices if vehicle.actuator.lag > 0 else ()
-        best = min(found, key=lambda choice: choice.rank, default=None)
+        result = lead().choices if vehicle.actuator.lag > 0 else ()
+        best = min(result, key=lambda choice: choice.rank, default=None)
         if best is not None and best.design is not None:
-            found += lead((best.reference_factor,), _QUICK_FILTER).choices
-        selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
+            result += lead((best.reference_factor,), _QUICK_FILTER).choices
+        selection = Selection(tuple(sorted((*result, *plain().choices), key=lambda choice: choice.rank)))
         report = _designed(envelope, nominal, selection, (here, others), prefer, progress, meanwhile)
         no_locks: Callable[[], tuple[Released, ...]] = here(_released, report.stops) if sliding else tuple
         for name, controller in (given or {}).items():
             if name not in rivals:
-                run_beside(name, controller)
+                run_rival(name, controller)
         progress("conditions of the predictive sliding-mode law")
         shown = tuple(rivals[name] for name in given or {})
         report = replace(report, rivals=shown, sliding=conditions(), released=no_locks())
@@ -346,11 +358,11 @@ def design_report(
 
 @contextmanager
 def _beside() -> Iterator[Beside]:
-    """Run functions in another process if there are two cores."""
+    """Yield a function that runs functions in a second process, or in this one if there is one core."""
     if cpu_count() < 2:
         yield partial
         return
-    cache_folder()  # the other process inherits a temporary one
+    cache_folder()  # if it is temporary, the second process inherits it
     with processes(1) as submit:
         # pickle now: lazily cached properties could change the object while the pool's thread pickles it
         yield lambda function, *arguments: submit(_called, pickle.dumps((function, arguments))).result
@@ -362,12 +374,14 @@ def _called(content: bytes) -> Any:
 
 
 def _verified(vehicle: Vehicle) -> Sliding:
-    """Conditions of the predictive law, or the reason why they cannot be decided for this vehicle."""
-    from railslip_ctrl.verification.joint_verification import verify  # imports SymPy, which other reports do not need
+    """Verify the conditions of the predictive law, or state why this is impossible for the vehicle."""
+    from railslip_ctrl.verification.joint_verification import verify  # imports SymPy: slow
 
     def decide() -> Verification:
-        found = verify(law="predictive", vehicle=vehicle)
-        return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # numbers unused
+        result = verify(law="predictive", vehicle=vehicle)
+        return replace(
+            result, conditions=tuple(replace(item, numbers={}) for item in result.conditions)
+        )  # numbers unused
 
     try:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
@@ -375,15 +389,15 @@ def _verified(vehicle: Vehicle) -> Sliding:
         return Sliding(None, str(error))
 
 
-_REGION_SPEEDS = np.array([1.0, 0.8, 0.6, 0.4, 0.25])  # speeds of a drawn region over the initial speed
-_REGION_SLIPS = np.linspace(0.0, 0.36, 13)
+_REGION_SPEEDS = np.array([1.0, 0.8, 0.6, 0.4, 0.25])  # speeds of a drawn region, relative to the initial speed
+_REGION_SLIPS = np.linspace(0.0, 0.36, 13)  # slip ratios of a drawn region
 
 
 def _released(stops: Sequence[Stop]) -> tuple[Released, ...]:
-    """No-lock results of the recorded stops, with the region for the stops of the first static law and load."""
-    from railslip_ctrl.verification.no_lock import no_lock, released_run  # imports SymPy, as above
+    """Certify the recorded stops; stops with the first certified law and load also get their no-lock region."""
+    from railslip_ctrl.verification.no_lock import no_lock, released_run  # imports SymPy, which is slow
 
-    found: list[Released] = []
+    result: list[Released] = []
     for stop in stops:
         scenario = stop.run.scenario
         law, most = scenario.law(scenario.rail), stop.brake_torque
@@ -391,14 +405,14 @@ def _released(stops: Sequence[Stop]) -> tuple[Released, ...]:
         try:
             run = released_run(stop.run, above=stop.cut_out)
         except InputError as error:
-            found.append(Released(stop, reason=str(error)))
+            result.append(Released(stop, reason=str(error)))
             continue
-        first = next((one.stop for one in found if one.found is not None), stop)
+        first = next((item.stop for item in result if item.certified is not None), stop)
         drawn = (stop.law, stop.load) == (first.law, first.load)
         most = most if math.isfinite(most) else float(np.max(run.torque))
         region = no_lock(law, scenario.vehicle, speeds, _REGION_SLIPS, torque_max=most) if drawn else None
-        found.append(Released(stop, run, region))
-    return tuple(found)
+        result.append(Released(stop, run, region))
+    return tuple(result)
 
 
 def _designed(
@@ -410,21 +424,24 @@ def _designed(
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """Report without rivals and sliding-mode law. `beside`: runs functions elsewhere, and has computed trials."""
+    """Make the report without rivals and sliding-mode law.
+
+    - beside: function that runs functions in a second process, and trials that this process computes.
+    """
     submit, others = beside
     progress("braking runs")
-    designed = [one for one in selection.choices if one.design is not None][: candidates.MOST_LINEAR]
-    trials = [candidates.linear_trial(one, nominal, False) for one in designed]  # the kinds by rule run in the other
-    trials += [one for get in others if (one := get()) is not None]
+    designed = [item for item in selection.choices if item.design is not None][: candidates.MOST_LINEAR]
+    trials = [candidates.linear_trial(item, nominal, False) for item in designed]  # others run in the second process
+    trials += [item for get in others if (item := get()) is not None]
     trials = candidates.decided(trials, envelope, nominal, prefer, submit)
     best, control = trials[0], trials[0].control
-    bounded = {i for i, one in enumerate(trials) if i == 0 or one.choice.structure in (SEEKING, SlideProtection.kind)}
+    bounded = {i for i, item in enumerate(trials) if i == 0 or item.choice.structure in (SEEKING, SlideProtection.kind)}
     had = submit(clairvoyant_stops, [stop.braked_scenario for i in sorted(bounded) for stop in trials[i].stops])
     remedy: Callable[[], Remedy | None] = lambda: None  # noqa: E731
     if best.above_kmh is None:
-        progress("what would help")
+        progress("find a brake with which a controller qualifies")
         remedy = submit(candidates.remedy_of, envelope, trials, nominal)
-    progress("limits, gains around the design, responses")
+    progress("limits, gain map, responses")
     judgement = best.judgement
     in_use = judgement
     if judgement is not None and (least := max(best.lowest_kmh, judgement.hand_over_kmh)) <= max(envelope.speeds):
@@ -432,7 +449,7 @@ def _designed(
     plain = control.system if isinstance(control, PI) else None
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
     shown = candidates.unjudged(envelope) if judgement is None else judgement
-    found = DesignReport(
+    result = DesignReport(
         envelope,
         nominal,
         selection,
@@ -450,23 +467,23 @@ def _designed(
         responses=None if plain is None or in_use is None else _responses(in_use.worst, plain),
         prefer=prefer,
     )
-    meanwhile(found)
+    meanwhile(result)
     known = iter(had())
     trials = [
-        replace(one, stops=_with_bounds(one.stops, known)) if i in bounded else one for i, one in enumerate(trials)
+        replace(item, stops=_with_bounds(item.stops, known)) if i in bounded else item for i, item in enumerate(trials)
     ]
-    return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
+    return replace(result, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
 
 
 def _with_bounds(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
-    """Stops with their bound and their attainable stop."""
+    """Add bound and attainable stop to stops; `known` yields a pair for each stop."""
     return tuple(replace(run, bound=bound, attainable=had) for run, (bound, had) in zip(runs, known, strict=False))
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
-    found = _rival_alone(name, controller, envelope, nominal)
+    result = _rival_alone(name, controller, envelope, nominal)
     return replace(
-        found, stops=_with_bounds(found.stops, clairvoyant_stops([run.braked_scenario for run in found.stops]))
+        result, stops=_with_bounds(result.stops, clairvoyant_stops([run.braked_scenario for run in result.stops]))
     )
 
 
@@ -476,7 +493,7 @@ def _rival_alone(name: str, controller: Any, envelope: Envelope, nominal: bool) 
         held = envelope.reference or blank.points.plants[0].point.law.reference
         control = as_control(controller, envelope.vehicle, held, name)
         return Rival(name, None, stops(control, blank, every_law=False), reason)
-    runs = isinstance(controller, Controller)  # a controller of a file runs as the file states
+    runs = isinstance(controller, Controller)  # a controller from a file keeps its own settings
     design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
     judgement = judge(envelope, design, nominal=nominal)
     control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
@@ -494,7 +511,7 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
 
 
 def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[UnjudgedSlips]:
-    """Slips that a controller holds in stops but at which it was not judged, with Ms there."""
+    """Yield the slips that a controller holds in stops but at which it was not judged, with the worst Ms there."""
     for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
         points = [plant.point for plant in judged.points.plants]
         known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
@@ -504,45 +521,45 @@ def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[Unjudge
         for slip in slips:
             envelope = judged.envelope.at(rails=(rail,), **({} if known else {"laws": (law,)}))
             there = envelope.points(nominal=True, held=lambda *of, slip=slip: slip)
-            found = judge_points(envelope, judged.controller, there, nominal=True)
-            mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
-            most = max(most, float(found.ms[mine].max()))
+            result = judge_points(envelope, judged.controller, there, nominal=True)
+            mine = [result.points.plants[i].point.law.name == law for i in result.points.plant.tolist()]
+            most = max(most, float(result.ms[mine].max()))
         if slips:
             yield UnjudgedSlips(law, rail, slips, most)
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
-    """Limits of any controller at the hardest operating point of each rail and load."""
+    """Limits for any controller at the hardest operating point of each rail and load."""
     points = judgement.points
     operating = points.plant[points.operating].tolist()
-    found: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
+    result: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
     for i in operating:
         point, here = points.plants[i].point, limits_of(points.plants[i], points.vehicle.actuator)
         key = (point.rail.value, points.loads[i])
-        if key not in found or here.ms_bound > found[key][1].ms_bound:
-            found[key] = (point, here)
-    return tuple(found.values())
+        if key not in result or here.ms_bound > result[key][1].ms_bound:
+            result[key] = (point, here)
+    return tuple(result.values())
 
 
 def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
-    """Worst Ms around the design's gains, at the operating points of the lowest and the highest speed in use."""
+    """Worst Ms for gains near the design's, at the operating points of the lowest and the highest speed in use."""
     points = judgement.points
     speeds = points.speed_kmh
     some = points.take(points.operating & ((speeds == speeds.min()) | (speeds == speeds.max())))
     kp, ki = design.gains.kp * _GAINS, design.gains.ki * _GAINS
     n = _GAINS.size
     ms = np.empty((n, n))
-    for shift in range(1 - n, n):  # controllers of a diagonal have one integral time and differ by a factor
+    for shift in range(1 - n, n):  # controllers on a diagonal differ only by a factor on the loop gain
         i = np.arange(max(0, -shift), min(n, n - shift))
         gains = PIGains(kp=float(kp[i[0]]), ki=float(ki[i[0] + shift]))
-        found = margins_at(PIController(gains, design.lead, design.lead_filter), some, _GAINS[i] / _GAINS[i[0]])
-        worst = np.where(found.stable, found.ms, math.inf).reshape(i.size, len(some)).max(axis=1)
+        result = margins_at(PIController(gains, design.lead, design.lead_filter), some, _GAINS[i] / _GAINS[i[0]])
+        worst = np.where(result.stable, result.ms, math.inf).reshape(i.size, len(some)).max(axis=1)
         ms[i, i + shift] = worst
     return GainMap(kp, ki, ms, (design.gains.kp, design.gains.ki), len(some))
 
 
 def _responses(worst: WorstCase, design: PIController) -> Responses | None:
-    """Responses at the worst operating point; None for a loop too fast or too slow for the duration."""
+    """Responses at the worst operating point; None if the loop is unstable or the response cannot be computed."""
     if worst.margins is None:
         return None
     times = np.linspace(0.0, _RESPONSE_TIME, _RESPONSE_POINTS)

@@ -1,6 +1,7 @@
-"""Comparison of the paper's numbers with ours, as text, as JSON, and as a page with errata and gains in both readings.
+"""Comparison of the numbers of [Park2008] with ours as text, JSON and a page, which also has the errata.
 
-Text and page have the same blocks; the page typesets their texts (`typeset`).
+The "reading" is our set of rules for the units and for details that the paper does not state. Text and page have the
+same blocks; the page typesets them with `typeset`.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ from .document import (
 from .export import exported, number
 from .page import formula, typeset
 
-_WORDS = ("braking time, s", "braking distance, m", "brake energy, N·m", "mean |slip error|, -")
-QUANTITY_WORDS = dict(zip(QUANTITIES, _WORDS, strict=True))  #: names of the rows of Table 5, with units
+_NAMES = ("braking time, s", "braking distance, m", "brake energy, N·m", "mean |slip error|, -")
+QUANTITY_NAMES = dict(zip(QUANTITIES, _NAMES, strict=True))  #: names of the rows of Table 5, with units
 
 FIGURES = {"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15"} | {f"fig_{n}": f"Fig. {n}" for n in range(17, 22)}
 """Figures of the paper by the names of the redrawn pictures."""
@@ -52,16 +53,21 @@ _ROW = (
 )
 
 _DECIDED = {
-    "symbolic": "as expressions, symbolically",
-    "computed": "by numbers computed from the paper's own",
-    "argument": "by what the expression depends on",
+    "symbolic": "symbolically, as expressions",
+    "computed": "numerically, from the numbers of the paper",
+    "argument": "by the quantities on which the expression depends",
 }
 
 
 def reproduction_json(
-    comparison: Table5, three: Table3, found: Sequence[Fact], sensitivity: Sensitivity | None = None
+    comparison: Table5, three: Table3, facts: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> dict[str, Any]:
-    """Return Table 5, the reading, Table 3, the facts, and the sensitivity if given, as JSON."""
+    """Return Table 5, the reading, Table 3, facts, and the sensitivity if given, as JSON.
+
+    - comparison, three: results for Tables 5 and 3.
+    - facts: further facts of the published runs.
+    - sensitivity: effect of the alternatives to the reading.
+    """
     content = {
         "rows": [exported(row, *_ROW) for row in comparison.rows],
         "seeds": comparison.seeds,
@@ -74,7 +80,7 @@ def reproduction_json(
             *("improvement_in_adhesion_regime_percent", "not_reproducible", "source"),
         )
         | {"improvement_percent_published": printed.TABLE3_IMPROVEMENT},
-        "facts": [exported(one, "name", "statement", "found", "holds", "how") for one in found],
+        "facts": [exported(item, "name", "statement", "found", "holds", "how") for item in facts],
     }
     if sensitivity is not None:
         content["sensitivity"] = sensitivity_json(sensitivity)
@@ -82,7 +88,7 @@ def reproduction_json(
 
 
 def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
-    """Return the alternatives as JSON; `numbers` are the sixteen by column, null if runs did not stop."""
+    """Return the alternatives to the reading as JSON; `numbers` are those of Table 5 by column, null without a stop."""
     return {
         "seeds": sensitivity.seeds,
         "rms_deviation_percent": number(sensitivity.base_rms_deviation_percent),
@@ -92,7 +98,7 @@ def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
                 **exported(row, "rms_deviation_percent", "largest_change_percent"),
                 "largest_change_of": row.largest_change_of or None,
                 "not_stopped": row.not_stopped,
-                "numbers": {one.setup.case.name: [number(x) for x in one.mean] for one in row.results},
+                "numbers": {item.setup.case.name: [number(x) for x in item.mean] for item in row.results},
             }
             for row in sensitivity.rows
         ],
@@ -103,19 +109,19 @@ def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
 
 
 def reproduction_text(
-    comparison: Table5, three: Table3, found: Sequence[Fact], sensitivity: Sensitivity | None = None
+    comparison: Table5, three: Table3, facts: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> str:
-    """Return Table 5, the reading, Table 3, the facts, and the sensitivity if given, as text."""
+    """Return the same content as `reproduction_json` as text."""
     five = _table5(comparison)
     parts: list[RenderableType] = [
         heading("[Park2008] Table 5: the stop from 100 to 5 km/h"),
         five,
         Paragraph(f"{five.caption}\n"),
-        heading("Reading of the units and of unstated details"),
+        heading("Reading: rules for units and for details that the paper does not state"),
         _reading(str),
         *_table3_parts(three),
         heading("Other facts of the published runs"),
-        *(_fact(one, str) for one in found),
+        *(_fact(item, str) for item in facts),
     ]
     if sensitivity is not None:
         parts += _sensitivity_parts(sensitivity)
@@ -123,16 +129,16 @@ def reproduction_text(
 
 
 def _table3_parts(three: Table3) -> list[RenderableType]:
-    means, asked = printed.TABLE3_MEANS, f"printed {printed.TABLE3_IMPROVEMENT:g} %"
-    found = f"{three.improvement_percent:.1f} %"
+    means, printed_value = printed.TABLE3_MEANS, f"printed {printed.TABLE3_IMPROVEMENT:g} %"
+    obtained = f"{three.improvement_percent:.1f} %"
     if three.improvement_follows_from_printed_means:
-        asked += f", which is that of the printed means ({three.improvement_of_printed_means_percent:.1f} %)"
-        found += " of the row means"
+        printed_value += f", which follows from the printed means ({three.improvement_of_printed_means_percent:.1f} %)"
+        obtained += " of the row means"
     rows = [(three.beam_mean, "beam"), (three.bristle_mean, "bristle")]
     known = Facts(
         [
             ("Row means", ", ".join(f"{name} {mean:.6g} (printed {means[name]:g})" for mean, name in rows)),
-            ("Improvement", f"{found}; {asked}"),
+            ("Improvement", f"{obtained}; {printed_value}"),
             ("Where adhesion rises", f"{three.improvement_in_adhesion_regime_percent:.1f} %"),
         ]
     )
@@ -143,15 +149,15 @@ def _table3_parts(three: Table3) -> list[RenderableType]:
 def _sensitivity_parts(sensitivity: Sensitivity) -> list[RenderableType]:
     known = Facts(
         [
-            ("Runs", f"{sensitivity.seeds} seeds a column, the same on both sides"),
-            ("The reading itself", f"rms deviation {sensitivity.base_rms_deviation_percent:.2f} %"),
+            ("Runs", f"{sensitivity.seeds} seeds for each column, the same for reading and alternative"),
+            ("Reading", f"rms deviation {sensitivity.base_rms_deviation_percent:.2f} %"),
             ("Rms", "deviation from the sixteen published numbers; - where runs did not stop"),
-            ("Largest change", "of a number against the reading, in the columns concerned whose runs all stopped"),
+            ("Largest change", "of a number from the reading, in affected columns in which all runs stopped"),
         ]
     )
-    columns = ("Rule", "Instead", "Largest change", "Rms, %", "Did not stop")
+    columns = ("Rule", "Alternative", "Largest change", "Rms, %", "Did not stop")
     rows = [_sensitivity_row(row, sensitivity.seeds) for row in sensitivity.rows]
-    title = heading("Effect of each rule: alternatives, one at a time")
+    title = heading("Effect of each rule: one alternative at a time")
     return [title, known, Table(columns, rows, left=3)]
 
 
@@ -169,18 +175,18 @@ def _sensitivity_row(row: SensitivityRow, seeds: int) -> tuple[str, ...]:
 # --- blocks of text and page ------------------------------------------------------------------------------------------
 
 
-def _fact(one: Fact, words: Callable[[str], str]) -> Details:
-    found = Paragraph(words(f"Found: {one.found}. By: {one.how}."))
-    return Details(one.name, "holds" if one.holds else "does not hold", (Paragraph(words(one.statement)), found))
+def _fact(fact: Fact, style: Callable[[str], str]) -> Details:
+    texts = (fact.statement, f"Result: {fact.found}. Method: {fact.how}.")
+    return Details(fact.name, "holds" if fact.holds else "does not hold", tuple(Paragraph(style(x)) for x in texts))
 
 
 def reproduction_finding(comparison: Table5) -> str:
-    """Return how many numbers are within tolerance, and which ones the seeds do not decide."""
+    """State how many numbers are within tolerance, and for which ones more seeds are needed."""
     out = [row for row in comparison.rows if not row.within]
     total, seeds = len(comparison.rows), comparison.seeds
     text = (
-        f"{total - len(out)} of {total} numbers of Table 5 come out within {TOLERANCE_PERCENT:g} % (rms "
-        f"{comparison.rms_deviation_percent:.1f} %), the mean of {seeds} noise seeds a column."
+        f"{total - len(out)} of {total} numbers of Table 5 are reproduced within {TOLERANCE_PERCENT:g} % (rms "
+        f"deviation {comparison.rms_deviation_percent:.1f} %), as means of {seeds} noise seeds for each column."
     )
     open_ = [row for row in out if _undecided(row)]
     if open_:
@@ -188,7 +194,7 @@ def reproduction_finding(comparison: Table5) -> str:
             f"{_item(row.item)}: {minus(format(row.deviation_percent, '+.2f'))} % ± {_error(row):.2f} %"
             for row in open_
         )
-        text += f" Outside the tolerance by less than two standard errors, undecided with so few seeds: {which}. "
+        text += f" Outside the tolerance by less than two standard errors, so that more seeds are needed: {which}. "
         text += f"railslip reproduce uses {DEFAULT_SEEDS} seeds."
     return text
 
@@ -196,11 +202,11 @@ def reproduction_finding(comparison: Table5) -> str:
 def _item(item: str) -> str:
     """Return a short name for a number of a column."""
     column, quantity = item.split(" / ")[-2:]
-    return f"{column}, {QUANTITY_WORDS[quantity].split(', ')[0]}"
+    return f"{column}, {QUANTITY_NAMES[quantity].split(', ')[0]}"
 
 
 def _error(row: Row) -> float:
-    """Return the standard error in % of the published number."""
+    """Return the standard error of a number, % of the published one."""
     return 100 * row.standard_error / row.published
 
 
@@ -215,28 +221,32 @@ def _table5(comparison: Table5) -> Table:
         within = "yes" if row.within else "undecided" if _undecided(row) else "no"
         numbers = ((row.deviation_percent, "+.2f"), (_error(row), ".2f"))
         beside = [NONE if math.isnan(x) else minus(f"{x:{form}}") for x, form in numbers]
-        rows.append((column, QUANTITY_WORDS[quantity], short(row.published), short(row.obtained), *beside, within))
+        rows.append((column, QUANTITY_NAMES[quantity], short(row.published), short(row.obtained), *beside, within))
     head = ("Column", "Quantity", "Published", "Obtained", "Deviation, %", "Std. error, %")
     caption = (
-        f"[Park2008] Table 5 beside the mean of {comparison.seeds} seeded runs. Energies are in the printed reading, "
-        f"{AS_PUBLISHED_INERTIA_SCALE:g} times the joules{_energy(comparison)}."
+        f"[Park2008] Table 5 compared with the mean of {comparison.seeds} runs. Energies are in units of the paper, "
+        f"{AS_PUBLISHED_INERTIA_SCALE:g} times the value in J{_energy(comparison)}."
     )
     return Table((*head, f"Within {TOLERANCE_PERCENT:g} %"), rows, left=2, caption=caption)
 
 
 def _energy(comparison: Table5) -> str:
-    """Return a remark with a printed energy in joules, the unit of the tables of braking runs."""
+    """Return a remark with an example of a printed energy in J, as other tables of braking runs state it."""
     row = next((row for row in comparison.rows if row.item.endswith(f" / {_ENERGY}")), None)
     if row is None:
         return ""
     joules = row.published / AS_PUBLISHED_INERTIA_SCALE
-    return f": the printed {short(row.published)} are {short(joules / 1e6, 3)} MJ in the tables of the braking runs"
+    return f": the printed {short(row.published)} are {short(joules / 1e6, 3)} MJ in other tables of braking runs"
 
 
-def _reading(words: Callable[[str], str]) -> Table:
-    rows = [(rule.name, rule.basis.value, words(rule.used), rule.where) for rule in READING]
+def _reading(style: Callable[[str], str]) -> Table:
+    rows = [(rule.name, rule.basis.value, style(rule.used), rule.where) for rule in READING]
     return Table(
-        ("Rule", "Basis", "Used", "Where"), rows, left=4, caption="Each rule, and where it comes from.", wide=True
+        ("Rule", "Basis", "Used", "Where"),
+        rows,
+        left=4,
+        caption="Each rule with its source.",
+        wide=True,
     )
 
 
@@ -248,27 +258,27 @@ def reproduction_first_page(
 ) -> FirstPage:
     """Return the first page of the reproduction report."""
     within, total = sum(row.within for row in comparison.rows), len(comparison.rows)
-    wrong = sum(not one.agrees for one in errata)
+    wrong = sum(not item.agrees for item in errata)
     rows = [
         ("Rms deviation", f"{comparison.rms_deviation_percent:.1f} %", f"of {total} numbers, Table 5"),
-        ("Facts that hold", f"{sum(one.holds for one in held)} of {len(held)}", "of the published runs"),
+        ("Facts that hold", f"{sum(item.holds for item in held)} of {len(held)}", "of the published runs"),
         ("Errata", str(wrong), f"of {len(errata)} equations, numbers and claims checked"),
     ]
     for group in groups:
-        unstable = sum(not one.stable for one in group.assessments)
+        unstable = sum(not item.stable for item in group.assessments)
         rows.append((group.title, f"{unstable} unstable", f"of {len(group.assessments)} operating points"))
     return FirstPage(
-        title="[Park2008] computed again",
+        title="Reproduction of [Park2008]",
         headline=f"{within} OF {total} NUMBERS WITHIN {TOLERANCE_PERCENT:g} %",
         subject="Table 5, braking from 100 to 5 km/h",
         file="",
         lines=(("Why", reproduction_finding(comparison)),),
-        head=("", "found", "of what"),
+        head=("", "Result", "Of"),
         rows=rows,
         pictures=(
             Picture(
                 "table5",
-                "Deviation from [Park2008] Table 5, with two standard errors; grey: the tolerance.",
+                "Deviation from [Park2008] Table 5 with two standard errors; grey: tolerance.",
                 f"Deviations in percent by column and quantity. {reproduction_finding(comparison)}",
             ),
         ),
@@ -279,12 +289,12 @@ def reproduction_sections(
     comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> list[Section]:
     """Return the sections of the reproduction report."""
-    alt = "The curves of {} of the paper, computed by this software."
-    figures = tuple(Picture(name, f"[Park2008] {one}, redrawn.", alt.format(one)) for name, one in FIGURES.items())
+    alt = "The curves of {} of the paper, as computed by this software."
+    figures = tuple(Picture(name, f"[Park2008] {item}, redrawn.", alt.format(item)) for name, item in FIGURES.items())
     return [
         Section("table5", "Table 5", (_table5(comparison),)),
-        Section("reading", "The reading", (_reading(typeset),)),
-        Section("facts", "Facts of the runs", tuple(_fact(one, typeset) for one in held)),
+        Section("reading", "Reading of the paper", (_reading(typeset),)),
+        Section("facts", "Further facts of the published runs", tuple(_fact(item, typeset) for item in held)),
         _gains(groups),
         Section("figures", "Figures", figures),
         _errata(errata),
@@ -292,38 +302,42 @@ def reproduction_sections(
 
 
 def _gains(groups: Sequence[ControllerGroup]) -> Section:
-    """Return the section on Table 4's gains in both readings of the units."""
+    """Return the section on Table 4's gains with both inertia scales, SI and as published."""
     rows = [
         (group.title, f"{a.point.rail}, {a.point.speed_kmh:g} km/h", *margin_cells(a.margins), a.verdict.value)
         for group in groups
         for a in group.assessments
     ]
-    head = ("Reading", "Operating point", *MARGIN_HEAD, "Verdict")
-    text = "Table 4's PI gains, read as N·m per km/h, with exact dead time; [Park2008] gives no margins."
-    alt = "Magnitude and phase of the loops with Table 4's gains in both readings, a panel a reading."
+    head = ("Gains and inertia scale", "Operating point", *MARGIN_HEAD, "Verdict")
+    text = "Table 4's PI gains, in N·m per km/h, with exact dead time; [Park2008] states no margins."
+    alt = "Magnitude and phase of the loops with Table 4's gains, one panel for each inertia scale."
     return Section(
         "gains",
-        "Table 4's gains in both readings",
+        "Table 4's gains with both inertia scales",
         (
             Paragraph(text),
-            Table(head, rows, caption="Margins; dashes: unstable.", wide=True),
-            Picture("bode", "Bode, Table 4's gains.", alt),
-            Picture("nyquist", "Nyquist, Table 4's gains.", alt.replace("Magnitude and phase", "Nyquist curves")),
+            Table(head, rows, caption="Margins; a dash means unstable.", wide=True),
+            Picture("bode", "Bode diagrams with Table 4's gains.", alt),
+            Picture(
+                "nyquist",
+                "Nyquist diagrams, same loops.",
+                alt.replace("Magnitude and phase", "Nyquist curves"),
+            ),
         ),
     )
 
 
 def _errata(errata: Sequence[Erratum]) -> Section:
-    """Return the section on errata, where the printed text does not follow from the paper's own statements."""
-    wrong, right = ([one for one in errata if one.agrees is agrees] for agrees in (False, True))
+    """Return the section on errata: printed formulas, numbers and claims that contradict other parts of the paper."""
+    wrong, right = ([item for item in errata if item.agrees is agrees] for agrees in (False, True))
     blocks: list[Block] = []
-    for one in wrong:
+    for item in wrong:
         rows = (
-            ("Printed", formula(one.printed_latex)),
-            ("Follows", formula(one.derived_latex)),
-            ("Size", typeset(one.sign_and_size)),
-            ("Decided", _DECIDED[one.how]),
+            ("Printed", formula(item.printed_latex)),
+            ("Derived", formula(item.derived_latex)),
+            ("Size", typeset(item.sign_and_size)),
+            ("Checked", _DECIDED[item.how]),
         )
-        blocks.append(Details(typeset(one.where), "differs", (Facts(rows), Paragraph(typeset(one.explanation)))))
-    blocks.append(Paragraph(typeset(f"Found to agree: {listed(one.where for one in right)}.")))
+        blocks.append(Details(typeset(item.where), "differs", (Facts(rows), Paragraph(typeset(item.explanation)))))
+    blocks.append(Paragraph(typeset(f"Checked and correct: {listed(item.where for item in right)}.")))
     return Section("errata", "Errata", tuple(blocks))

@@ -1,4 +1,4 @@
-"""Text, JSON and CSV of a braking run, and text of a comparison of controllers."""
+"""Braking run as text, JSON and CSV, and comparison of controllers as text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
 from railslip_ctrl.simulation.run import GIVEN_DRAWS, events_log
 
 from .document import Facts, Table, fixed, heading, render
-from .export import exported, law_json, law_words, number, plain, source_of
+from .export import exported, law_json, law_text, number, plain, source_of
 from .text import vehicle_facts
 
 CSV_COLUMNS = {
@@ -56,9 +56,9 @@ _WORKS = {
 
 
 def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) -> dict[str, Any]:
-    """Return the numbers of a run as JSON; those of a stop are null if the train did not stop.
+    """Return the results of a run as JSON; time, distance, energy and slip error are null if the train did not stop.
 
-    - gains: column of Table 4, if any.
+    - gains: column of Table 4 whose gains the controller has; None if it has others.
     - law_speed: v0 of the adhesion law, m/s.
     """
     scenario = run.scenario
@@ -90,7 +90,7 @@ def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) ->
         "period_s": _period(run),
         **exported(scenario, "limits", "measurement", "disturbances"),
         "events": [
-            {**plain(one.event), "reached": one.reached, "happened_at_s": number(one.time)} for one in events_log(run)
+            {**plain(log.event), "reached": log.reached, "happened_at_s": number(log.time)} for log in events_log(run)
         ],
         "energy_balance": {
             **exported(run.energies, "error", starting_j="starting", booked_j="booked", final_j="final"),
@@ -109,11 +109,11 @@ def _law_source(scenario: simulation.Scenario, law_speed: float) -> str:
 def simulation_text(run: simulation.Run, law_speed: float) -> str:
     """Return the report of a run: scenario, controller, outcome, numbers and energy balance.
 
-    `run.signals` is needed if an event is in distance. `law_speed` as in `simulation_json`.
+    `run.signals` is needed if an event is given by distance. `law_speed`: v0 of the adhesion law, m/s.
     """
     scenario = run.scenario
     end = f"after {run.braking_time:.4g} s, {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
-    unfinished = f"NO STOP: {run.outcome.value}, {end}; the numbers below are those up to this time"
+    unfinished = f"NO STOP: {run.outcome.value}, {end}; the numbers below are up to this time"
     outcome = f"stopped {end}" if run.stopped else unfinished
     parts: list[RenderableType] = [
         heading(f"Braking run: {scenario.name}, controller {run.controller.label}"),
@@ -130,23 +130,23 @@ def simulation_text(run: simulation.Run, law_speed: float) -> str:
 
 def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, str]]:
     scenario, noise, sensors = run.scenario, run.scenario.disturbances, run.scenario.measurement
-    law = law_words(scenario.adhesion, _law_source(scenario, law_speed))
+    law = law_text(scenario.adhesion, _law_source(scenario, law_speed))
     numbers = {name: value for name, value in scenario.adhesion.model_dump().items() if isinstance(value, float)}
-    weaker = "" if scenario.adhesion_factor == 1.0 else f", {scenario.adhesion_factor:g} times the rail's adhesion"
+    weaker = "" if scenario.adhesion_factor == 1.0 else f", adhesion times {scenario.adhesion_factor:g}"
     least = "" if scenario.viscous_least is None else f", at least {scenario.viscous_least:g} N·m·s"
     viscous = f"changes by {scenario.viscous_rate:g} N·m·s per second" if scenario.viscous_rate else "constant"
     speeds = f"{scenario.initial_speed / KMH:g} to {scenario.final_speed / KMH:g} km/h"
     return [
         *vehicle_facts(scenario.vehicle),
-        ("Begins with", f"mass {scenario.vehicle.mass:g} kg, wheel load {scenario.vehicle.wheel_load:g} N"),
+        ("Initial load", f"mass {scenario.vehicle.mass:g} kg, wheel load {scenario.vehicle.wheel_load:g} N"),
         ("Viscous friction", f"{viscous}{least}"),
         *([("Gradient", f"{scenario.gradient:+g}")] if scenario.gradient else []),
         ("Brake limits", _limits(scenario)),
         *_believed(scenario),
         ("Adhesion", f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}"),
-        ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
-        ("Speeds", f"{speeds}, given up after {scenario.longest_time:g} s"),
-        *(("Event", one.text) for one in events_log(run)),
+        ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "table"),
+        ("Speeds", f"{speeds}; time limit {scenario.longest_time:g} s"),
+        *(("Event", item.text) for item in events_log(run)),
         (
             "Disturbances",
             f"random force {noise.random_force:g} N held {noise.random_hold:g} s, caliper {noise.caliper_fraction:g} "
@@ -162,18 +162,18 @@ def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, st
 
 
 def _limits(scenario: simulation.Scenario) -> str:
-    """Describe the limits of the actuator besides its dead time and lag."""
+    """Describe torque limits, torque gain, rate limit and lag for falling torque."""
     limits, lag = scenario.limits, scenario.vehicle.actuator.lag
-    rate = "no limit of rate" if limits.rate is None else f"rate at most {limits.rate:g} N·m/s"
+    rate = "no rate limit" if limits.rate is None else f"rate at most {limits.rate:g} N·m/s"
     dump = lag if limits.dump_lag is None else limits.dump_lag
     most = math.inf if limits.torque_max is None else limits.torque_max
     torque = torque_range(limits.torque_min, most)
-    acting = "" if limits.torque_gain == 1.0 else f", acting torque {limits.torque_gain:g} times that"
+    acting = "" if limits.torque_gain == 1.0 else f", acting torque {limits.torque_gain:g} times the commanded one"
     return f"commanded torque {torque}{acting}, {rate}, lag {dump:g} s for falling torque"
 
 
 def _believed(scenario: simulation.Scenario) -> list[tuple[str, str]]:
-    """Return the vehicle parameters that controllers assume wrongly, if any."""
+    """Return the vehicle parameters for which controllers assume other values, if any."""
     units = scenario.beliefs.units()
     texts = [
         f"{name.replace('_', ' ')} {value:g} {units[name]}" for name, value in scenario.beliefs if value is not None
@@ -184,7 +184,7 @@ def _believed(scenario: simulation.Scenario) -> list[tuple[str, str]]:
 def _controller_facts(run: simulation.Run) -> list[tuple[str, str]]:
     controller, reference = run.controller, run.controller.reference
     noise = "none: neither random force nor measurement noise" if run.seed is None else str(run.seed)
-    noise = "draws from a file" if run.seed == GIVEN_DRAWS else noise
+    noise = "random numbers from a file" if run.seed == GIVEN_DRAWS else noise
     return [
         ("Controller", controller.described()),
         ("Controller's limits", controller.limits_described()),
@@ -205,14 +205,14 @@ def _numbers(run: simulation.Run) -> list[tuple[str, str]]:
         ("Brake energy", f"{fixed(run.brake_energy)} J"),
     ]
     if run.controller.reference is not None:
-        rows.append(("Mean |slip error|", f"{fixed(run.mean_abs_slip_error, 4)} against the run's own reference"))
+        rows.append(("Mean |slip error|", f"{fixed(run.mean_abs_slip_error, 4)} from the reference of the run"))
     if not math.isnan(run.mean_abs_slip_error_published):
         published = fixed(run.mean_abs_slip_error_published, 4)
-        rows.append(("", f"{published} against the published 0.132 dry, 0.092 wet"))
+        rows.append(("", f"{published} from the published 0.132 dry, 0.092 wet"))
     lock = "never" if np.isnan(run.first_lock) else f"first at {run.first_lock:.4g} s"
     return [
         *rows,
-        ("Highest slip", fixed(run.max_slip, 4) + ("" if run.reached else ", never at the reference slip")),
+        ("Highest slip", fixed(run.max_slip, 4) + ("" if run.reached else ", does not reach the reference slip")),
         ("Wheel locked", f"{100 * run.locked_fraction:.3g} % of the time, {lock}"),
         ("Highest torque", f"{fixed(run.max_torque)} N·m"),
         ("Torque rate", f"{fixed(run.rms_torque_rate, 4)} N·m/s rms, {fixed(run.max_torque_rate, 4)} N·m/s at most"),
@@ -227,8 +227,8 @@ def _energy_table(run: simulation.Run) -> RenderableType:
 
     rows = [
         row("kinetic, at the start", energies.starting),
-        row("added by changes of mass", energies.booked),
-        *(row(f"taken by {_WORKS[name]}", -work) for name, work in energies.works.items()),
+        row("added by mass changes", energies.booked),
+        *(row(f"removed by {_WORKS[name]}", -work) for name, work in energies.works.items()),
         row("kinetic, at the end", energies.final),
         ("energy balance error", f"{energies.error * energies.starting / 1000:.1e}", f"{100 * energies.error:.1e}"),
     ]
@@ -239,9 +239,11 @@ def _energy_table(run: simulation.Run) -> RenderableType:
 
 
 def write_simulation_csv(run: simulation.Run, path: Path, *, internal: bool = False) -> None:
-    """Write the time series as CSV, a header with units and one row for each recorded sample.
+    """Write the time series as CSV: a header with units, and one row for each recorded sample.
 
-    With `internal` it has the controller's state too. The reference slip is nan for a controller without one.
+    - internal: if true, also write the controller's internal state.
+
+    The reference slip is nan for a controller without one.
     """
     signals = run.signals
     assert signals is not None, "the run was recorded"
@@ -268,9 +270,9 @@ def run_comparison_text(comparison: RunComparison) -> str:
         heading(f"Braking runs: {scenario.name}, inertia scale {scenario.vehicle.inertia_scale:g}"),
         (
             f"Means over {len(comparison.seeds)} seeds, the same noise for all. No controller can stop in less than "
-            f"{bound.braking_distance:.1f} m and {bound.braking_time:.2f} s: the highest adhesion at every moment, "
-            "after the dead time. Slip error: mean of |slip - the controller's own reference|, if it has one; error "
-            "[P]: against 0.132/0.092 of [Park2008]; rate: rms of the rate of the acting torque."
+            f"{bound.braking_distance:.1f} m and {bound.braking_time:.2f} s, the bound with the highest adhesion at "
+            "every moment after the dead time. Slip error: mean |slip - reference|, if there is a reference; error "
+            "[P]: with 0.132/0.092 of [Park2008] as reference; rate: rms of the rate of the acting torque."
         ),
         Table(COLUMNS, [_row(row, bound.braking_distance) for row in comparison.rows], whole=1),
     ]

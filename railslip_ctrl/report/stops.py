@@ -1,7 +1,7 @@
-"""Braking runs of a design report with the laws and loads of its envelope.
+"""Stops of a design report with the laws and loads of its envelope.
 
-They are plain stops on dry and wet rail, stops with errors of sensors and brake, and stops on a rail that turns wet and
-dry again.
+Nominal stops run on dry and wet rail. Harder stops have errors of sensors and brake, or a rail that turns wet and dry
+again.
 """
 
 from __future__ import annotations
@@ -39,28 +39,28 @@ SLIDING = 0.5  #: slip ratio above which a wheel counts as sliding: halfway to a
 
 @dataclass(frozen=True)
 class Stop:
-    """One controller in one stop, with several seeds of the noise."""
+    """One stop with one controller, repeated with several noise seeds."""
 
     controller: str
     law: str  # name of the adhesion law
     rail: Rail
     load: str  # "empty" or "loaded"
-    run: Run  # the longest run of all seeds, recorded
-    others: tuple[Run, ...]  # runs with the other seeds
-    settled_slip: float  # median slip over the second half of the time under control, without noise and start
-    reference: float  # slip ratio to hold; if the controller has its `own_slip`, the reference of the law
+    run: Run  # longest run of all seeds, with its signals
+    others: tuple[Run, ...]  # runs with the other seeds, without signals
+    settled_slip: float  # median slip ratio over the second half of the time under control of `run`
+    reference: float  # slip ratio to hold; for a controller with `own_slip` that of the adhesion law
     cut_out: float = 0.0  # m/s, speed below which slip is not controlled
-    errors: str = ""  # errors of sensors and brake, or change of rail, as text; empty in stops as given
-    bound: ClairvoyantStop | None = None  # no controller of this brake stops sooner; None if unknown
-    attainable: ClairvoyantStop | None = None  # stop without noise of a controller that knows the rail; None if unknown
-    own_slip: bool = False  # whether the controller finds its slip, or is known by its step alone
-    brake_torque: float = math.inf  # N*m, largest torque, from which the bound follows
+    errors: str = ""  # errors of sensors and brake, or change of rail, as text; empty in nominal stops
+    bound: ClairvoyantStop | None = None  # lower bound of the stop with this brake; None if unknown
+    attainable: ClairvoyantStop | None = None  # best stop if the rail is known, without noise; None if unknown
+    own_slip: bool = False  # true if the controller does not follow the reference slip
+    brake_torque: float = math.inf  # N*m, largest torque, used for the bound
     locked_from: float = 0.0  # m/s, highest train speed with a locked wheel over all seeds; 0 without a lock
-    air: float = 0.0  # mean torque filled in over a stop, over the vehicle's full brake torque
+    air: float = 0.0  # mean sum of all rises of the torque over the full brake torque, a ratio
 
     @property
     def swings(self) -> bool:
-        """True if the wheel oscillates: under control it is faster than the train by half the reference slip."""
+        """True if the wheel oscillates: under control the slip falls below minus half the reference slip."""
         signals = self.run.signals
         assert signals is not None, "the run is recorded"
         controlled = signals.speed > self.cut_out
@@ -68,7 +68,7 @@ class Stop:
 
     @property
     def braked_scenario(self) -> Scenario:
-        """Scenario with the largest torque of the brake."""
+        """Scenario with the torque limit `brake_torque`, for the bound."""
         most = self.brake_torque
         return self.run.scenario if math.isinf(most) else _limited(self.run.scenario, most)
 
@@ -84,7 +84,7 @@ class Stop:
 
     @property
     def reached(self) -> bool:
-        """Whether slip reaches 0.95 of the reference."""
+        """True if the slip held is at least 0.95 of the reference."""
         return self.settled_slip >= REACHED_SHARE * self.reference
 
     @property
@@ -94,12 +94,12 @@ class Stop:
 
     @property
     def slides(self) -> bool:
-        """Whether slip exceeds one half, halfway to a locked wheel, with some seed."""
+        """True if the slip exceeds `SLIDING` with any seed."""
         return self.max_slip > SLIDING
 
     @property
     def locks(self) -> bool:
-        """Whether the wheel locks with some seed."""
+        """True if the wheel locks with any seed."""
         return any(run.locked_fraction > 0 for run in self.runs)
 
     @property
@@ -112,9 +112,10 @@ class Stop:
 
 @dataclass(frozen=True)
 class RollingLoop:
-    """Recommended loop about free rolling (`linearize_rolling`), for a law with which the wheel oscillates.
+    """Loop of the recommended design linearised at free rolling, for a law with which the wheel oscillates.
 
-    `frequency` is that of the wheel against its contact without a loop, rad/s.
+    - frequency: natural frequency of the wheel on its contact without control, rad/s.
+    - stable: true if the closed loop is stable.
     """
 
     law: str
@@ -124,12 +125,12 @@ class RollingLoop:
     stable: bool
 
 
-SEEDS = (0, 1)  #: noise seeds of a stop; statistics over many seeds need a campaign
+SEEDS = (0, 1)  #: noise seeds of a nominal stop; a campaign runs more seeds
 NARROW = "polach"
-"""Law with a narrow peak for the stops, if no laws were chosen.
+"""Adhesion law with a narrow peak; stops also use it if the user chose no laws.
 
-It is not in the default envelope: it has no reference slip, and no design that holds a share of its peak slip is robust
-with tolerances.
+The default envelope does not contain it, because it has no reference slip, and because no design that holds a share of
+its peak slip is robust with tolerances.
 """
 
 ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
@@ -138,27 +139,27 @@ ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
         for name, error in (("torque", GAIN), ("train speed", SPEED_SCALE), ("radius", RADIUS))
     }
 )
-"""Factors on acting torque, measured train speed and wheel radius: the limits of the population.
+"""Smallest and largest factors on acting torque, measured train speed and wheel radius, from `population`.
 
 The controller assumes 1.
 """
 
 TEETH = float(min(ENCODERS))
-"""Teeth of the wheel's encoder in half of the stops with errors; they have the population's speed noise too."""
+"""Teeth of the wheel encoder in half of the stops with errors; these stops also have speed noise (`SPEED_NOISE`)."""
 
-# distance of the rail's changes over the square of the initial speed, s^2/m: 50 and 120 m at 100 km/h, about a quarter
-# and a half of a stop from any speed
+# distances at which the rail turns wet and dry again, over the square of the initial speed, s^2/m: 50 and 120 m at
+# 100 km/h, about a quarter and a half of a stop from any speed
 _WET, _DRY_AGAIN = 0.065, 0.155
 _TWO_LEVELS = np.array([[(i >> k & 1) for k in range(3)] for i in range(8)])
 _ARRAY = np.column_stack([_TWO_LEVELS, _TWO_LEVELS[:, [0, 0, 1]] ^ _TWO_LEVELS[:, [1, 2, 2]], _TWO_LEVELS.sum(1) % 2])
-# orthogonal array L8: seven errors at two levels in eight stops; each combination of two errors occurs twice
-LOG_PERIOD = 0.01  #: s, between the samples of a recorded run, as in `railslip simulate`
+# orthogonal array L8: seven errors with two levels in eight stops; each pair of levels of two errors occurs twice
+LOG_PERIOD = 0.01  #: s, interval between recorded samples of a run, as in `railslip simulate`
 
 
 def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
-    """Linear design as `braking_control` runs it at the points of a judgement.
+    """Controller that runs a linear design in stops, with the reference slip at which it was judged.
 
-    If their laws hold different slips, those of the law of the first stops are taken.
+    Without a reference of the envelope, the slips are those of the law of the first stops (`as_reference`).
     """
     operating = operating_points(judgement.points)
     reference = judgement.envelope.reference or as_reference(operating)
@@ -168,8 +169,8 @@ def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = 
 
 
 def as_reference(operating: Sequence[OperatingPoint]) -> ReferenceSlip:
-    """Reference slips of the law of the first stops; a rail without points takes that of the other rail."""
-    first = min((point.law for point in operating), key=lambda law: law.has_state).name  # a static law has a bound
+    """Reference slips of the law of the first stops; a rail without points has the slip of the other rail."""
+    first = min((point.law for point in operating), key=lambda law: law.has_state).name  # static laws come first
     slips = {point.rail: point.slip for point in operating if point.law.name == first}
     return ReferenceSlip(**{rail.value: slips.get(rail, next(iter(slips.values()))) for rail in Rail})
 
@@ -180,7 +181,7 @@ def operating_points(points: EnvelopePoints) -> list[OperatingPoint]:
 
 
 def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tuple[Stop, ...]:
-    """Stops from the envelope's initial speed on each of its rails and loads, the static law first."""
+    """Nominal stops on each law, load and rail of the envelope; if not `every_law`, on the first law only."""
     laws = laws_of_stops(judgement) if every_law else laws_of_stops(judgement)[:1]
     return tuple(
         _stop(control, stop_scenario(judgement.envelope, judgement.points, law, load, rail), load)
@@ -189,7 +190,7 @@ def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tupl
 
 
 def laws_of_stops(judgement: Judgement) -> list[str]:
-    """Names of the laws, static ones first, and `NARROW` if no laws were chosen."""
+    """Names of the laws of the envelope, static ones first; `NARROW` is added if the user chose no laws."""
     operating = operating_points(judgement.points)
     dynamic = {point.law.name: point.law.has_state for point in operating}
     if judgement.envelope.laws == Envelope.model_fields["laws"].default:
@@ -202,10 +203,10 @@ def _loads(judgement: Judgement) -> list[str]:
 
 
 def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: str, rail: Rail) -> Scenario:
-    """Scenario of a stop with a load on a rail with a law of the envelope, by name."""
+    """Scenario of a nominal stop with a load, a rail and an adhesion law by name."""
     of_load = np.flatnonzero(points.operating & (points.load == load))
     here = [points.plants[int(points.plant[i])].point for i in of_load]
-    point = next((one for one in here if one.law.name == law), None)
+    point = next((item for item in here if item.law.name == law), None)
     car: Vehicle = here[0].vehicle
     if point is None or law in envelope.laws:
         own = named_law(law, car, envelope.law_speed * KMH)
@@ -215,10 +216,10 @@ def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: st
 
 
 def harder_scenarios(judgement: Judgement) -> Iterator[tuple[Scenario, str, str]]:
-    """Scenarios with errors, and on a changing rail, each with a description and its load.
+    """Yield scenarios with errors and on a changing rail, each with a description and its load.
 
-    Each law has eight stops with errors of sensors and brake, by an orthogonal array, on its rails in turn. Each law
-    and load has one stop on a dry rail that turns wet and dry again.
+    Each law has eight stops with errors of sensors and brake (orthogonal array); the rails alternate. Each law and load
+    has one stop on a dry rail that turns wet and dry again.
     """
     envelope, loads = judgement.envelope, _loads(judgement)
     for (i, law), (k, row) in product(enumerate(laws_of_stops(judgement)), enumerate(_ARRAY.tolist())):
@@ -235,7 +236,7 @@ def harder_scenarios(judgement: Judgement) -> Iterator[tuple[Scenario, str, str]
 
 
 CHANGES = "turns wet and dry again"
-"""Description of the changing rail."""
+"""Description of the rail in stops on a changing rail."""
 
 
 def _with_errors(scenario: Scenario, envelope: Envelope, row: Sequence[int]) -> tuple[Scenario, str]:
@@ -250,17 +251,17 @@ def _with_errors(scenario: Scenario, envelope: Envelope, row: Sequence[int]) -> 
         limits=BrakeLimits(torque_gain=chosen["torque"]),
         measurement=Measurement(speed_scale=chosen["train speed"], **sensors),
     )
-    words = [f"{name} {100 * (value - 1):+.3g} %" for name, value in chosen.items() if value != 1.0]
-    return wrong, ", ".join([*words, *(["noise and teeth"] if sensors else [])])
+    errors = [f"{name} {100 * (value - 1):+.3g} %" for name, value in chosen.items() if value != 1.0]
+    return wrong, ", ".join([*errors, *(["speed noise, encoder"] if sensors else [])])
 
 
 def harder_stops(control: Any, judgement: Judgement) -> tuple[Stop, ...]:
-    """Stops of `harder_scenarios`, each with one seed of the noise."""
-    return tuple(_stop(control, one, load, SEEDS[:1], words) for one, words, load in harder_scenarios(judgement))
+    """Stops of `harder_scenarios`, each with one noise seed."""
+    return tuple(_stop(control, item, load, SEEDS[:1], errors) for item, errors, load in harder_scenarios(judgement))
 
 
 def locks_at_once(control: Any, judgement: Judgement, above: float, *, hard: bool) -> bool:
-    """Whether the wheel locks above a speed, m/s, in some stop, or if `hard` some harder stop; ends with the first."""
+    """True if the wheel locks above the speed `above`, m/s, in any nominal or, if `hard`, harder stop with one seed."""
     cases = product(laws_of_stops(judgement), _loads(judgement), judgement.envelope.rails)
     plain = ((stop_scenario(judgement.envelope, judgement.points, law, load, rail), load) for law, load, rail in cases)
     harder = ((scenario, load) for scenario, _, load in harder_scenarios(judgement)) if hard else ()
@@ -276,31 +277,31 @@ def stopping_distance(run: Run) -> float:
 def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = SEEDS, errors: str = "") -> Stop:
     simulator = Simulator(scenario, control)
     every, held = max(round(LOG_PERIOD / simulator.period), 1), control.reference or scenario.adhesion.reference
-    # drop what is not shown: the result is sent from another process
+    # drop signals that are not shown, because the result is sent to another process
     runs = [replace(simulator.run(seed, record_every=every), controller_signals={}) for seed in seeds]
     run, cut_out = max(runs, key=stopping_distance), control.controlled_from
     most = braked(scenario, control).limits.torque_max or math.inf
-    found = Stop(
+    result = Stop(
         control.label,
         scenario.adhesion.name,
         scenario.rail,
         load,
         run,
-        tuple(replace(one, signals=None) for one in runs if one is not run),
+        tuple(replace(item, signals=None) for item in runs if item is not run),
         _settled_slip(run, cut_out),
         math.nan if held is None else held.on(scenario.rail),
         cut_out,
         errors,
         own_slip=not control.follows_reference,
         brake_torque=most,
-        locked_from=max(_locked_from(one) for one in runs),
-        air=float(np.mean([_filled(one) for one in runs])) / full_brake_torque(scenario.vehicle),
+        locked_from=max(_locked_from(item) for item in runs),
+        air=float(np.mean([_filled(item) for item in runs])) / full_brake_torque(scenario.vehicle),
     )
-    return replace(found, run=replace(run, signals=None)) if errors else found
+    return replace(result, run=replace(run, signals=None)) if errors else result
 
 
 def _locked_from(run: Run) -> float:
-    """Highest train speed, m/s, at which the wheel was locked; 0 without a lock."""
+    """Highest train speed, m/s, at which the wheel is locked; 0 if it does not lock."""
     assert run.signals is not None, "the run is recorded"
     return float(run.signals.speed[run.signals.slip > 1 - LOCKED_SHARE].max(initial=0.0))
 
@@ -312,29 +313,29 @@ def _filled(run: Run) -> float:
 
 
 def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) -> tuple[RollingLoop, ...]:
-    """Exact loops about free rolling for the laws with which a wheel oscillates.
+    """Exact loops at free rolling for the nominal stops in which the wheel oscillates.
 
-    Operating points of constant slip do not show this oscillation: there a dynamic law slides.
+    Operating points of constant slip do not show this oscillation, because the contact slides there.
     """
-    found = []
-    for one in nominal:
-        if one.swings:
-            scenario = stop_scenario(judgement.envelope, judgement.points, one.law, one.load, one.rail)
-            plant = linearize_rolling(scenario.law(one.rail), scenario.vehicle, scenario.initial_speed)
+    result = []
+    for item in nominal:
+        if item.swings:
+            scenario = stop_scenario(judgement.envelope, judgement.points, item.law, item.load, item.rail)
+            plant = linearize_rolling(scenario.law(item.rail), scenario.vehicle, scenario.initial_speed)
             stable = wheel_slip_loop(plant, design).is_stable()
-            found.append(RollingLoop(one.law, one.load, one.rail, float(abs(plant.poles).max()), stable))
-    return tuple(found)
+            result.append(RollingLoop(item.law, item.load, item.rail, float(abs(plant.poles).max()), stable))
+    return tuple(result)
 
 
 def _settled_slip(run: Run, cut_out: float) -> float:
-    """Median slip over the second half of the time above the `cut_out` speed, m/s; NaN if it is never above."""
+    """Median slip over the second half of the time above the `cut_out` speed, m/s; NaN if there is no such time."""
     assert run.signals is not None, "the run is recorded"
     slip = run.signals.slip[run.signals.speed > cut_out]
     return float(np.median(slip[slip.size // 2 :])) if slip.size else math.nan
 
 
 def braked(scenario: Scenario, control: Any) -> Scenario:
-    """Scenario with the largest torque of the vehicle's brake, or of the controller if it asks for more."""
+    """Scenario limited to the largest torque of the vehicle's brake, or of the controller if that is larger."""
     most = max(full_brake_torque(scenario.vehicle), control.largest_torque)
     return scenario if math.isinf(most) else _limited(scenario, most)
 
@@ -345,7 +346,7 @@ def _limited(scenario: Scenario, most: float) -> Scenario:
 
 
 def clairvoyant_stops(scenarios: Sequence[Scenario]) -> list[tuple[ClairvoyantStop | None, ClairvoyantStop | None]]:
-    """Bound of each stop, and its attainable stop; None if it is not known."""
+    """Bound and attainable stop for each scenario; None if one cannot be computed."""
     return [(_known(clairvoyant_stop, scenario), _known(attainable_stop, scenario)) for scenario in scenarios]
 
 

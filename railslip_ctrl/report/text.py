@@ -1,4 +1,4 @@
-"""Text of plants, margins, verdicts over envelopes and tuned designs; JSON of verdicts and tuned designs."""
+"""Text reports on linearised plants, margins, envelope verdicts and tuned designs; JSON of the last two."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ from .export import (
     controller_json,
     exported,
     law_json,
+    law_text_at,
     margin_numbers,
     margins_json,
     source_at,
-    words_at,
 )
 
 if TYPE_CHECKING:
@@ -61,14 +61,14 @@ def _matrix(matrix: Iterable[Iterable[float]]) -> str:
 
 
 def case_title(point: OperatingPoint) -> str:
-    """Return an operating point in one line."""
-    return f"{words_at(point)}, {point.place}, inertia scale {point.vehicle.inertia_scale:g}" + (
+    """Describe an operating point in one line."""
+    return f"{law_text_at(point)}, {point.place}, inertia scale {point.vehicle.inertia_scale:g}" + (
         "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     )
 
 
 def controller_text(controller: LinearController | Controller) -> str:
-    """Describe a controller with margins, with its numbers."""
+    """Describe a controller that has stability margins: its name and its parameters."""
     return controller.described() if isinstance(controller, Controller) else describe_system(controller)
 
 
@@ -83,14 +83,14 @@ def vehicle_line(vehicle: Vehicle) -> str:
 
 
 def _loads(empty: float, loaded: float, unit: str) -> str:
-    """Return a quantity of the vehicle, empty and loaded if these differ."""
+    """Format a quantity of the empty and the loaded vehicle; one value if both are equal."""
     if empty == loaded:
-        return f"{empty:g} {unit}"  # one load only, or the vehicle is used loaded
+        return f"{empty:g} {unit}"  # the vehicle has one load case, or only its loaded state is used
     return f"{empty:g} {unit} empty, {loaded:g} {unit} loaded"
 
 
 def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
-    """Return the vehicle's parameters with units, and the assumptions about it."""
+    """Return names and values of the vehicle's parameters with units, followed by the assumptions about it."""
     wheel, resistance = vehicle.wheel, vehicle.resistance
     rows = [
         ("Vehicle", vehicle.name + (f"  {vehicle.source}" if vehicle.source else "")),
@@ -112,11 +112,11 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
 
 
 def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
-    """Return the adhesion law on each rail with its parameters; for a user's own law also the rule for wet rail."""
+    """Describe the adhesion law on each rail with its parameters; for a user's own law also its rule for wet rail."""
     distinct = {(point.rail, point.law.parameters()): point for point in points}
     dry = next((point.law for point in distinct.values() if point.rail is Rail.DRY), None)
     return [
-        (f"Adhesion law, {point.rail} rail", f"{words_at(point)}: {_parameters(point.law)}{_wet_rule(point, dry)}")
+        (f"Adhesion law, {point.rail} rail", f"{law_text_at(point)}: {_parameters(point.law)}{_wet_rule(point, dry)}")
         for point in distinct.values()
     ]
 
@@ -127,18 +127,18 @@ def _parameters(law: AdhesionLaw) -> str:
 
 
 def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
-    """Describe how wet parameters follow from dry ones; if only the wet rail is known, state the possible rule."""
+    """Describe how wet parameters follow from dry ones; if only the wet ones are known, describe the possible rule."""
     if point.rail is not Rail.WET or source_at(point) == PUBLISHED:
         return ""
     if dry is not None:
         derived = dry.wet().parameters() == point.law.parameters()
-        return f"; wet by the rule of the law: {_factors(dry)}" if derived else ""
+        return f"; computed from the dry parameters: {_factors(dry)}" if derived else ""
     rule = _factors(point.law.model_copy(update={"rail": Rail.DRY}))
-    return f"; given for wet rail, or wet by the rule of the law from dry ones: {rule}" if rule else ""
+    return f"; given for wet rail or computed from dry parameters ({rule})" if rule else ""
 
 
 def _factors(dry: AdhesionLaw) -> str:
-    """Return the factors on the parameters of a dry law for wet rail, as text."""
+    """Return the factors that turn the parameters of a dry law into those for wet rail, as text."""
     texts = []
     wet = dry.wet().numbers()
     for name, (value, _) in dry.numbers().items():
@@ -153,7 +153,7 @@ def _factors(dry: AdhesionLaw) -> str:
 
 
 def linearize_text(plants: Sequence[LinearPlant]) -> str:
-    """Return the report of operating points and linearisations."""
+    """Return a report on operating points and their linearisations."""
     parts: list[RenderableType] = []
     for plant in plants:
         point = plant.point
@@ -167,7 +167,7 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
             ),
             ("Adhesion force", f"{point.adhesion_force:.7g} N"),
             ("Brake torque", f"{point.brake_torque:.7g} N·m (λ' = 0, travelling resistance included)"),
-            ("Residual", f"{point.residual:.1e} (relative; λ' and the adhesion state at rest)"),
+            ("Residual", f"{point.residual:.1e} (relative error of the equilibrium of λ and the adhesion state)"),
             ("States", ", ".join(plant.states)),
             ("Input", ", ".join(plant.inputs) + " at the wheel, N·m (without the actuator)"),
             ("Outputs", ", ".join(plant.outputs) + f" (error = {point.slip:g} v − sigma)"),
@@ -199,7 +199,7 @@ def polynomial_text(coefficients: Iterable[float]) -> str:
 
 
 def margins_text(assessments: Sequence[Assessment], certificates: Sequence[Certificate] = ()) -> str:
-    """Return the stability-margin reports one after the other, with certificates if there are any."""
+    """Return a stability-margin report of each loop, with its certificate if there is one."""
     parts: list[RenderableType] = []
     for assessment, certificate in zip_longest(assessments, certificates):
         parts += [*_assessment(assessment), *_certificate(certificate), ""]
@@ -215,11 +215,11 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         ("Controller", controller_text(assessment.controller)),
         ("Actuator", _actuator(assessment.actuator)),
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
-        ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
+        ("Limits", _limits(assessment) if p > 0 else "none, because the plant has no unstable pole"),
         ("Open loop", counted(assessment.loop.open_loop_unstable_poles, "unstable pole")),
     ]
     if poles.size:
-        rows.append(("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"))
+        rows.append(("Closed-loop poles, 1/s", f"{roots_text(poles)}   (the rightmost {poles.size}, dead time exact)"))
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), Facts(rows)]
     if (m := assessment.margins) is not None:
         pairs = zip(m.gain_crossovers, m.phase_margins_deg, strict=True)
@@ -234,18 +234,18 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
             numbers = f"Ms {ms_up(m.ms)}"
             if not math.isnan(m.phase_deg):  # NaN if only the continuous loop has a phase margin
                 numbers += f", phase margin {m.phase_deg:.4g} deg, delay margin {m.delay_s:.4g} s"
-        parts.append(f"As run, sampled every {assessment.as_run.period:g} s: {numbers}")
+        parts.append(f"Sampled loop, period {assessment.as_run.period:g} s: {numbers}")
     parts.append(f"Verdict: {assessment.verdict_line}")
     return parts
 
 
 def _certificate(certificate: Certificate | None) -> list[RenderableType]:
-    """Return the enclosures with all digits of their ends."""
+    """Return the certified interval of each margin, with all digits of its ends."""
     if certificate is None:
         return []
     if not certificate.stable:
         poles = f"{certificate.unstable_poles:g} in the closed right half plane"
-        axis = f"; one on the imaginary axis or within 2^-{certificate.bits} of it" if certificate.marginal else ""
+        axis = f"; one is on the imaginary axis or within 2^-{certificate.bits} of it" if certificate.marginal else ""
         return [f"Certificate: unstable, closed-loop poles: {poles}{axis}"]
     rows = [
         (name, *map(str, ends), unit)
@@ -259,15 +259,15 @@ def _certificate(certificate: Certificate | None) -> list[RenderableType]:
         )
         if ends is not None
     ]
-    balls = f"ball arithmetic, {certificate.bits} bits; |S| and |T| bounded on {certificate.parts} parts of the axis"
+    balls = f"ball arithmetic, {certificate.bits} bits; |S| and |T| bounded on {certificate.parts} frequency intervals"
     return ["", Table(("Certified", "Lowest", "Highest", "Unit"), rows), f"Certificate: stable; {balls}"]
 
 
 def _limits(assessment: Assessment) -> str:
     limits = assessment.limits
-    against = "< 1, as a PI needs" if limits.actuator_product < 1 else ">= 1: no PI stabilises it"
+    against = "< 1, which a PI requires" if limits.actuator_product < 1 else ">= 1, so no PI stabilises the plant"
     text = (
-        f"unstable pole p = {limits.unstable_pole:.5g} 1/s (doubles in {limits.doubling_time:.3g} s); "
+        f"unstable pole p = {limits.unstable_pole:.5g} 1/s (a slip error doubles in {limits.doubling_time:.3g} s); "
         f"p (dead time + lag) = {limits.actuator_product:.4g} {against}"
     )
     if (least := ms_down(limits.ms_bound)) != "1.00":  # 1.00 is no limit
@@ -275,12 +275,12 @@ def _limits(assessment: Assessment) -> str:
     for structure in (limits.pi, limits.pi_lead):
         if structure is None:
             continue
-        name = "a PI" if structure.structure == "PI" else "a PI with lead on the lag"
+        name = "a PI" if structure.structure == "PI" else "a PI with a lead that cancels the lag"
         if structure.feasible:
             phase = fixed(rounded_up(structure.phase_deg, BOUND_DIGITS), BOUND_DIGITS)
             text += f"; {name}: phase margin <= {phase} deg, Ms >= {ms_down(structure.ms_bound)}"
         else:
-            text += f"; {name} cannot stabilise it"
+            text += f"; {name} cannot stabilise the plant"
     return text
 
 
@@ -290,11 +290,11 @@ def _decibel(factor: float) -> str:
 
 def _margin_table(assessment: Assessment, m: Margins) -> RenderableType:
     low, high = m.disk_gain_range
-    disk = f"gain {low:.4g} to {fixed(high, 4)}, phase ±{m.disk_phase_deg:.4g} deg together"
+    disk = f"gain {low:.4g} to {fixed(high, 4)}, phase ±{m.disk_phase_deg:.4g} deg at the same time"
     rows = [
         ("Gain increase", fixed(m.gain_increase, 6), "×", fixed(m.gain_increase_frequency), _decibel(m.gain_increase)),
         ("Gain decrease", _decrease(m, 6), "×", fixed(m.gain_decrease_frequency), _decibel(m.gain_decrease)),
-        ("Phase margin", fixed(m.phase_deg, 6), "deg", fixed(m.phase_frequency), "smallest over all gain crossovers"),
+        ("Phase margin", fixed(m.phase_deg, 6), "deg", fixed(m.phase_frequency), "smallest of all gain crossovers"),
         ("Delay margin", fixed(m.delay_s, 6), "s", fixed(m.delay_frequency), "added dead time that destabilises"),
         ("Ms = max |S|", fixed(m.ms, 6), "-", fixed(m.ms_frequency), f"distance to −1: {1 / m.ms:.4g}"),
         ("Mt = max |T|", fixed(m.mt, 6), "-", fixed(m.mt_frequency), ""),
@@ -302,7 +302,7 @@ def _margin_table(assessment: Assessment, m: Margins) -> RenderableType:
     ]
     usable = assessment.stabilizing_gain_range
     if usable is not None:
-        rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "of this loop gain"))
+        rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "factor on this gain"))
     return Table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, text_columns=(2, 4))
 
 
@@ -311,11 +311,11 @@ def _decrease(m: Margins, digits: int) -> str:
 
 
 def _pade_part(assessment: Assessment) -> list[RenderableType]:
-    """Return the table of Pade approximations; one line if all orders agree that the loop is unstable."""
+    """Return a table of Pade approximations, or one line if the exact loop and all approximations are unstable."""
     exact, orders = assessment.margins, assessment.pade
     if exact is None and all(row.margins is None for row in orders):
         first, last = orders[0].order, orders[-1].order
-        return [f"Pade approximation of the dead time: orders {first} to {last} give an unstable loop too"]
+        return [f"Pade approximation of the dead time: orders {first} to {last} also give an unstable loop"]
     rows = []
     for row in orders:
         error = "" if (row.margins is None) == (exact is None) else "wrong verdict"
@@ -354,11 +354,12 @@ def judgement_text(judgement: Judgement) -> str:
 def judgement_parts(judgement: Judgement) -> list[RenderableType]:
     """Return the blocks of `judgement_text`."""
     used, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
-    over = "all speeds" if used is None or used <= min(judgement.envelope.speeds) else f"{used:g} km/h and more"
+    operating = int(judgement.points.operating.sum())
+    over = "At all speeds" if used is None or used <= min(judgement.envelope.speeds) else f"From {used:g} km/h up"
     rows = [
-        ("Envelope", envelope_words(judgement.envelope)),
-        ("Points", f"{len(judgement.points)}, of them {int(judgement.points.operating.sum())} operating points"),
-        ("Stable", "at no speed in all loops" if used is None else f"from {used:g} km/h up"),
+        ("Envelope", envelope_text(judgement.envelope)),
+        ("Points", f"{len(judgement.points)}, {operating} of them operating points (without tolerances)"),
+        ("Stable", "at no speed are all loops stable" if used is None else f"from {used:g} km/h up"),
         ("Robust", "at no speed" if robust is None else f"from {robust:g} km/h up"),
     ]
     # the first line of the judgement is its verdict
@@ -366,14 +367,14 @@ def judgement_parts(judgement: Judgement) -> list[RenderableType]:
     return [
         heading("Verdict over the envelope"),
         Facts(rows),
-        Table((f"Over {over}", "", "Where"), list(worst_rows(judgement)), text_columns=(2,)),
+        Table((over, "", "Case"), list(worst_rows(judgement)), text_columns=(2,)),
         _map_table(judgement),
         *notes,
         f"Verdict: {verdict}",
     ]
 
 
-def envelope_words(envelope: Envelope) -> str:
+def envelope_text(envelope: Envelope) -> str:
     """Describe an envelope in one line."""
     car, table = envelope.vehicle, envelope.table()
     lists = [", ".join(table[name]) for name in ("rails", "laws", "loads")]
@@ -382,12 +383,12 @@ def envelope_words(envelope: Envelope) -> str:
     factors = (f"{name.replace('_', ' ')} {', '.join(f'{x:g}' for x in table[name])}" for name in names)
     slips = [f"{value:g} {rail}" for rail, value in table.get("reference", {}).items() if rail in table["rails"]]
     return "; ".join(
-        [car.name, *lists, speeds, *([f"slip {', '.join(slips)}"] if slips else []), f"times {'; '.join(factors)}"]
+        [car.name, *lists, speeds, *([f"slip {', '.join(slips)}"] if slips else []), f"factors on {'; '.join(factors)}"]
     )
 
 
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
-    """Yield the worst Ms and the smallest margins over the speeds at which all loops are stable, each with its case."""
+    """Yield name, value and case of the worst Ms and the smallest margins, at the speeds with all loops stable."""
     name, value, where = worst_cells(judged.worst)
     yield f"Worst {name}", value, where
     if not judged.nominal:
@@ -405,21 +406,21 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
 
 
 def worst_cells(worst: WorstCase) -> tuple[str, str, str]:
-    """Return the larger Ms of the continuous and the sampled loop: its name, its value, and its case."""
+    """Return name, value and case of the larger Ms of the continuous and the sampled loop."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
         return f"Ms{_kind_of(worst)}", ms_text(worst.ms), worst.case.description
     return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.description}; continuous {ms_text(worst.ms)}"
 
 
 def _kind_of(worst: WorstCase) -> str:
-    """Return which loop a margin is of, if there are two loops or only the sampled one."""
+    """Return the suffix for margins of a sampled loop, or of a continuous one that also has a sampled loop."""
     return ", sampled" if isinstance(worst.loop, SampledLoop) else "" if worst.as_run is None else ", continuous"
 
 
 def _map_table(judgement: Judgement) -> RenderableType:
     ms_map = judgement.map
-    kinds = {"": ms_map.operating} if judgement.nominal else {"": ms_map.operating, ", tol.": ms_map.with_tolerances}
-    head = ["Worst Ms at, km/h", *(f"{load}{kind}" for kind in kinds for load in ms_map.loads)]
+    kinds = {"": ms_map.operating} | ({} if judgement.nominal else {", tolerances": ms_map.with_tolerances})
+    head = ["Speed, km/h", *(f"Worst Ms, {load}{kind}" for kind in kinds for load in ms_map.loads)]
     rows = [
         [f"{speed:g}", *(ms_text(float(ms)) for values in kinds.values() for ms in values[i])]
         for i, speed in enumerate(ms_map.speeds_kmh.tolist())
@@ -431,7 +432,7 @@ def _map_table(judgement: Judgement) -> RenderableType:
 
 
 def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
-    """Return a design as JSON: margins of every case and its judgement; null, with the reason, if infeasible."""
+    """Return a design as JSON: gains, margins of every case, verdict; gains are null if it is infeasible."""
     design = tuned.design
     margins: Sequence[Margins | None] = [None] * len(tuned.points)
     worst = None
@@ -445,8 +446,8 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
         "ms_max_asked": tuned.specification.ms_max,
         "worst": worst,
         "cases": [
-            {**case_json(point), "adhesion_law": law_json(point.law, source_at(point)), **margin_numbers(found)}
-            for point, found in zip(tuned.points, margins, strict=True)
+            {**case_json(point), "adhesion_law": law_json(point.law, source_at(point)), **margin_numbers(m)}
+            for point, m in zip(tuned.points, margins, strict=True)
         ],
         "feasible": design is not None,
         **({} if judgement is None else judgement.table()),
@@ -454,13 +455,13 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
 
 
 def by_rule_json(design: Design) -> dict[str, Any]:
-    """Return a controller whose parameters follow from the vehicle, and its judgement, as JSON."""
+    """Return a controller whose parameters are computed from the vehicle, with its envelope verdict, as JSON."""
     head = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.controller)}
     return {**head, "feasible": not design.reason, **design.judgement.table()}
 
 
 def by_rule_text(design: Design) -> str:
-    """Return a controller whose parameters follow from the vehicle, and its judgement, as text."""
+    """Return a controller whose parameters are computed from the vehicle, with its envelope verdict, as text."""
     control, rows = design.controller, []
     for name, field in type(control).model_fields.items():
         extra, value = field.json_schema_extra, getattr(control, name)
@@ -468,7 +469,7 @@ def by_rule_text(design: Design) -> str:
             unit = str(extra["unit"])
             rows.append((name, f"{value:.6g}", "" if unit == "1" else unit, field.description or ""))
     parts: list[RenderableType] = [
-        heading(f"Gains by rules: {design.structure}, {design.judgement.points.vehicle.name}"),
+        heading(f"Parameters computed for {design.judgement.points.vehicle.name}: {design.structure}"),
         Table(("Key", "Value", "Unit", "Meaning"), rows, text_columns=(2, 3)),
     ]
     parts += ["", f"Infeasible: {design.reason}"] if design.reason else []
@@ -476,14 +477,14 @@ def by_rule_text(design: Design) -> str:
 
 
 def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
-    """Return a design as text, with its worst case and the margins of every case, or its judgement over an envelope."""
+    """Return a design as text with the margins of every case, or with its verdict over an envelope if given."""
     design, points = tuned.design, tuned.points
     name = tuned.kind.title
-    at = (
-        "" if design is None else f" at {counted(len(points), 'operating point')}"
-    )  # the reason names those of an infeasible one
+    # if the design is infeasible, its reason names the operating points
+    at = "" if design is None else f" at {counted(len(points), 'operating point')}"
     parts: list[RenderableType] = [heading(f"Tuning: {name}{at}")]
-    known = [("Adhesion", ", ".join(dict.fromkeys(words_at(point) for point in points))), ("Asked for", tuned.asked)]
+    laws = ", ".join(dict.fromkeys(law_text_at(point) for point in points))
+    known = [("Adhesion", laws), ("Specification", tuned.asked)]
     if design is None:
         return render([*parts, Facts([*known, ("Result", f"infeasible: {tuned.reason}")])])
     known += [
@@ -496,7 +497,7 @@ def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
         return render([*parts, "", *judgement_parts(judgement)])
     verdict = f"worst Ms {ms_up(design.worst.ms)} at {case_title(points[design.worst.ms_member])}"
     alone = next((f". {point.vehicle.mass_alone}" for point in points if point.vehicle.mass_alone), "")
-    parts += [_case_table(points, design.margins), f"Verdict: {verdict}, of the operating points alone{alone}"]
+    parts += [_case_table(points, design.margins), f"Verdict: {verdict}; tolerances are not checked{alone}"]
     return render(parts)
 
 
@@ -510,36 +511,36 @@ def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) ->
 
 
 def no_lock_section(released: Sequence[Released]) -> Section | None:
-    """Return the section on stops of the recommended design: certified no lock after a release of the brake."""
+    """Return the section that certifies, for recorded stops, that the wheel does not lock after a brake release."""
     rows = []
-    for one in released:
-        if one.found is None:
+    for item in released:
+        if item.certified is None:
             continue
-        outside = one.found.outside_kmh
+        outside = item.certified.outside_kmh
         speeds = "none" if outside is None else f"{outside[0]:.0f} to {outside[1]:.0f}"
-        case = (one.stop.law, one.stop.load, str(one.stop.rail), str(one.found.inside.size))
-        rows.append((*case, below(100 * one.found.share), speeds))
-    left_out = dict.fromkeys(one.reason for one in released if one.found is None)
+        case = (item.stop.law, item.stop.load, str(item.stop.rail), str(item.certified.inside.size))
+        rows.append((*case, below(100 * item.certified.share), speeds))
+    left_out = dict.fromkeys(item.reason for item in released if item.certified is None)
     if not released:
         return None
-    reasons = "".join(f" Left out: {reason.removeprefix('adhesion: ')}." for reason in left_out)
+    reasons = "".join(f" Not certified: {reason.removeprefix('adhesion: ')}." for reason in left_out)
     if not rows:
-        return Section("no-lock", "No lock after a release", (Paragraph(f"Not certified.{reasons}"),))
+        return Section("no-lock", "No lock after a release", (Paragraph(f"No stop is certified.{reasons}"),))
     text = (
-        "Share of the samples, 0.1 s apart and above the hand-over speed, at which the wheel certainly does not lock "
-        "if the brake is released at once. Certified by interval arithmetic for static adhesion laws, a constant rail "
-        "condition, vehicle and brake as given, a random force within 3 standard deviations and 5 % of the caliper's "
-        "torque. The stop of each case is the longest of its seeds. The certificate does not apply to the stop without "
-        f"the release; outside the certified region the wheel may or may not lock.{reasons}"
+        "The table gives the share of the samples (every 0.1 s above the hand-over speed) at which the wheel certainly "
+        "does not lock if the brake is released at once. Interval arithmetic proves it for static adhesion laws, a "
+        "constant rail condition, vehicle and brake as given, a random force of at most 3 standard deviations and a "
+        "caliper disturbance of at most 5 % of its torque. Each row is the longest stop of its noise seeds. The proof "
+        f"does not cover a stop without release. Outside the certified region the wheel may or may not lock.{reasons}"
     )
     head = ("Law", "Load", "Rail", "Samples", "Inside, %", "Outside at, km/h")
-    alt = "Largest certified torque over slip at several speeds, a panel a rail, with the run of a stop in it."
+    alt = "Largest certified torque over slip at several speeds, one panel per rail, with the trajectory of a stop."
     return Section(
         "no-lock",
         "No lock after a release",
         (
             Paragraph(text),
             Table(head, rows, caption="Samples inside the certified region."),
-            Picture("no-lock", "Certified no-lock region, and the longest stop on each rail in it.", alt),
+            Picture("no-lock", "Certified no-lock region with the longest stop on each rail.", alt),
         ),
     )

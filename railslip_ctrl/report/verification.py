@@ -1,4 +1,4 @@
-"""Text and JSON of a verification, and of runs judged by the Lyapunov conditions.
+"""Verification as text and JSON, and runs judged by the Lyapunov conditions as text.
 
 The texts of conditions, evidence and conclusions are in `templates/conditions.toml`.
 """
@@ -26,9 +26,9 @@ _LAWS = {
     "robust": "robust variants",
     "predictive": "predictive sliding-mode law",
 }
-_ACTUATOR = "none (the torque acts at once), except in conditions that name it"
+_ACTUATOR = "none (the torque acts at once), except in conditions that mention it"
 _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
-_ACTUATORS = {"predictive": "lag and dead time throughout"}
+_ACTUATORS = {"predictive": "lag and dead time in all conditions"}
 _CONSTANTS = {"inf": math.inf, "KMH": KMH}
 
 
@@ -38,12 +38,12 @@ def statement(condition: Condition) -> str:
 
 
 def evidence(condition: Condition) -> str:
-    """Return the evidence: the identity, or numbers and their set, or the reason why it was not decided."""
+    """Return the evidence of a condition: an identity, numbers with their set, or the reason why it is not decided."""
     return _with_numbers(_texts_of(condition)["evidence"], condition.numbers)
 
 
 def conclusion_text(law: str, findings: Mapping[str, Any] | None) -> str:
-    """Return the conclusion for the brake with its actuator, from the findings of a law's verification."""
+    """Return the conclusion for a brake with an actuator; empty if `findings` of the verification are None."""
     return "" if findings is None else _with_numbers(_texts()["conclusion"][law], findings)
 
 
@@ -57,7 +57,7 @@ def _texts_of(condition: Condition) -> dict[str, str]:
 
 
 def _with_numbers(text: str, numbers: Mapping[str, Any]) -> str:
-    """Return a text with its numbers filled in, in one line."""
+    """Fill numbers into a text template and return it as one line."""
     one_line = filled(_texts()["macros"]["text"] + text, {**_CONSTANTS, **numbers})
     return re.sub(r"(?<=\() | (?=[;,:)]|\.(?![\d.]))", "", one_line)
 
@@ -65,24 +65,24 @@ def _with_numbers(text: str, numbers: Mapping[str, Any]) -> str:
 def verification_json(verification: Verification) -> dict[str, Any]:
     """Return a verification as JSON: the conditions in order, and whether all hold.
 
-    `holds` and `how` are None for a condition that was not decided. For a law verified over a box the result has the
-    `box`, and in `tolerances` the largest value of each quantity with the others as in the box. `down_to_kmh` and
-    `tolerated_errors` (shares in both directions, None if unbounded) are those of `Condition`.
+    `holds` and `how` are None for a condition that was not decided. A law verified over a box also has `box`, and
+    `tolerances` with the largest value of each quantity while the others are as in the box. `down_to_kmh` and
+    `tolerated_errors` (ratios in both directions, None if unbounded) are those of `Condition`.
     """
     return {
         "conditions": [
             {
-                **{"name": one.name, "statement": statement(one)},
-                **exported(one, "holds", "how"),
-                "evidence": evidence(one),
-                **exported(one, "down_to_kmh", tolerated_errors="tolerated"),
+                **{"name": item.name, "statement": statement(item)},
+                **exported(item, "holds", "how"),
+                "evidence": evidence(item),
+                **exported(item, "down_to_kmh", tolerated_errors="tolerated"),
             }
-            for one in verification.conditions
+            for item in verification.conditions
         ],
         "all_hold": verification.all_hold,
         **({"box": dict(verification.box)} if verification.box else {}),
         **(
-            {"tolerances": [exported(one, "name", "value", "unit", "limited_by") for one in verification.tolerances]}
+            {"tolerances": [exported(item, "name", "value", "unit", "limited_by") for item in verification.tolerances]}
             if verification.box
             else {}
         ),
@@ -92,22 +92,22 @@ def verification_json(verification: Verification) -> dict[str, Any]:
 def verification_text(verification: Verification, about: Sequence[tuple[str, str]] = ()) -> str:
     """Return a verification as text: table of verdicts, conditions with evidence, failures and conclusion.
 
-    `about`: further rows of the header on vehicle and adhesion, as (name, value).
+    - about: further rows of the header on vehicle and adhesion, as (name, value).
     """
     known = Facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
     rows = []
-    for one in verification.conditions:
-        down_to = "-" if one.down_to_kmh is None else f"{one.down_to_kmh:g} km/h"
-        rows.append((one.name, _HOLDS[one.holds][0], down_to, one.how or "-"))
-    parts.append(Table(("Condition", "Holds", "Down to", "How"), rows, left=4))
+    for item in verification.conditions:
+        down_to = "-" if item.down_to_kmh is None else f"{item.down_to_kmh:g} km/h"
+        rows.append((item.name, _HOLDS[item.holds][0], down_to, item.how or "-"))
+    parts.append(Table(("Condition", "Holds", "Down to", "Method"), rows, left=4))
     if verification.box:
         parts += [Text(""), *_box(verification)]
-    for one in verification.conditions:
-        how = f" ({one.how})" if one.how else ""
-        parts += [heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"), Paragraph(statement(one))]
-        parts.append(Paragraph(evidence(one)))
-        parts += [Paragraph(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []
+    for item in verification.conditions:
+        how = f" ({item.how})" if item.how else ""
+        parts += [heading(f"{item.name}: {_HOLDS[item.holds][1]}{how}", "-"), Paragraph(statement(item))]
+        parts.append(Paragraph(evidence(item)))
+        parts += [Paragraph(f"Tolerated, each alone: {_tolerated(item)}.")] if item.tolerated else []
         parts.append(Text(""))
     parts.append(Text(_verdict(verification)))
     if conclusion := conclusion_text(verification.law, verification.findings):
@@ -122,20 +122,20 @@ def _box(verification: Verification) -> list[RenderableType]:
     text = (
         f"Box: {box['adhesion']}, {' and '.join(box['rails'])} rail, v {speeds} km/h, slip within "
         f"{100 * box['slip']:g} % of the reference, {masses} kg with the wheel load in proportion, |S| <= "
-        f"{box['surface']:g} N m, |e_hat| <= {box['error']:g} m/s, 0 <= Tb <= torque_max; otherwise the vehicle is as "
-        "the law assumes."
+        f"{box['surface']:g} N m, |e_hat| <= {box['error']:g} m/s, 0 <= Tb <= torque_max; all other vehicle parameters "
+        "are those that the law assumes."
     )
     if not verification.tolerances:
         return [Paragraph(text)]
     rows = [
         (
-            one.name.replace("_", " "),
-            f"{100 * one.value:.3g} %" if one.unit == "%" else f"{one.value:.3g} {one.unit}",
-            one.limited_by or "not limited in the range tried",
+            item.name.replace("_", " "),
+            f"{100 * item.value:.3g} %" if item.unit == "%" else f"{item.value:.3g} {item.unit}",
+            item.limited_by or "no limit in the range tried",
         )
-        for one in verification.tolerances
+        for item in verification.tolerances
     ]
-    columns = ("Largest tolerance, the others as in the box", "either way", "condition not proved beyond")
+    columns = ("Largest tolerance, the others as in the box", "in both directions", "condition that limits it")
     return [Paragraph(text), Text(""), Table(columns, rows, left=3)]
 
 
@@ -152,23 +152,23 @@ def _facts(verification: Verification) -> list[tuple[str, str]]:
     ]
 
 
-def _tolerated(one: Condition) -> str:
-    percent = {name: float(f"{100 * share:.3g}") for name, share in one.tolerated.items()}
+def _tolerated(item: Condition) -> str:
+    percent = {name: float(f"{100 * share:.3g}") for name, share in item.tolerated.items()}
     return ", ".join(f"{name} {'any' if math.isinf(x) else f'+-{x:g} %'}" for name, x in percent.items())
 
 
 def _verdict(verification: Verification) -> str:
     if verification.all_hold:
         return f"Verdict: all {len(verification.conditions)} conditions hold."
-    claimed = [one.name for one in verification.failing if one.claimed]
-    others = [one.name for one in verification.failing if not one.claimed]
-    undecided = [one.name for one in verification.undecided]
+    claimed = [item.name for item in verification.failing if item.claimed]
+    others = [item.name for item in verification.failing if not item.claimed]
+    undecided = [item.name for item in verification.undecided]
     total, failing = len(verification.conditions), len(verification.failing)
     lines = [f"Verdict: {failing} of {total} conditions {'does' if failing == 1 else 'do'} not hold."]
     if undecided:
         was = "was" if len(undecided) == 1 else "were"
         lines[0] = f"{lines[0].removesuffix('.')}, {len(undecided)} {was} not decided."
-    titles = ("Claimed or relied on by [Park2008]:", "Others:", "Not decided:")
+    titles = ("Claimed or used by [Park2008]:", "Others:", "Not decided:")
     for title, names in zip(titles, (claimed, others, undecided), strict=True):
         lines += [title, *(f"  - {name}" for name in names)] if names else []
     return "\n".join(lines)
@@ -178,13 +178,13 @@ def _verdict(verification: Verification) -> str:
 
 
 def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:
-    """Return tables of shares of time, first violations and ultimate bounds, with a row for each case."""
+    """Return tables with a row for each case: share of time per condition, first violation, bounds reached."""
     names = [condition.name for condition in cases[0][1].conditions]
     # rounded down, so that only a condition that always holds shows 100 %
-    rows = [(name, *(f"{math.floor(1000 * one.share) / 10:.1f} %" for one in run.conditions)) for name, run in cases]
-    shares = Table(("Share of the time each holds", *names), rows)
-    broken = [(n, *("never" if one.holds else f"{one.first_violation:.3f}" for one in r.conditions)) for n, r in cases]
-    first = Table(("First violation, s", *names), broken)
+    rows = [(name, *(f"{math.floor(1000 * item.share) / 10:.1f} %" for item in run.conditions)) for name, run in cases]
+    shares = Table(("Share of time it holds", *names), rows)
+    rows = [(n, *("never" if c.holds else f"{c.first_violation:.3f}" for c in run.conditions)) for n, run in cases]
+    first = Table(("First violation, s", *names), rows)
     columns = ("Last third of each stage", "outcome", "time s", "largest |s| m/s", "largest slip error", "locked %")
     bounds = Table(columns, [_bounds(name, run) for name, run in cases], left=2)
     return render([heading("Lyapunov conditions along braking runs"), shares, first, bounds])

@@ -1,24 +1,25 @@
 "use strict";
-// The page of `railslip design`. It draws and sends requests; every number of control theory comes from the server.
+// The page of `railslip design`. It draws and sends requests; the server does all computations of control theory.
 
 const $ = (id) => document.getElementById(id);
 const make = (tag, given) => Object.assign(document.createElement(tag), given);
 const copyOf = structuredClone;
 const CLIENT = Math.random().toString(36).slice(2);
-const SHORT_WAIT = 70, LONG_WAIT = 350; // ms without a change before a request that takes a moment, or a second, is sent
-const RETRY = 1000; // ms before a request to a server that is gone or busy is repeated
-const STEPS = 1000, REACH = 10; // of a slider: its scale is logarithmic, from a tenth of the first value to ten times it
-const SHOWN = 6; // number of sliders shown; the others are folded
+const SHORT_WAIT = 70, LONG_WAIT = 350; // ms without a change before a request is sent: quick requests, slow requests
+const RETRY = 1000; // ms before a request is repeated if the server is busy or does not answer
+const STEPS = 1000, REACH = 10; // steps of a slider; its logarithmic scale covers the first value divided and multiplied by REACH
+const SHOWN = 6; // number of sliders shown; the others are under "More parameters"
 const PLOTS = ["nyquist", "bode", "step", "stop", "envelope-map"];
 
-let begin = null; // the server's answer to "start"
+let setup = null; // the server's answer to "start"
 let design = null; // {kind, values, reference}
 let pinned = null; // {design, loop, stops}, drawn in grey for comparison
 let loop = null, envelope = null, verdict = null, stops = null, region = null; // the newest answers
-let fromKmh = 0, chosen = null, hardest = null; // operating point shown: lowest speed, the user's choice, the hardest known
-let view = null, mapArea = null, regionAll = false, regionKey = "";
-let before = null, lost = false, written = null, addressTimer = 0;
-const past = [], future = [], turns = {}, cursors = {}, cursorAt = {}, inks = {};
+let fromKmh = 0, chosen = null, hardest = null; // operating point shown: least speed, the user's choice, else the hardest
+let view = null, mapArea = null, regionAll = false, regionKey = ""; // map of gains: axes, panel, all points used, its design
+let before = null; // the design before the change that is not yet on the undo list
+let disconnected = false, writtenHash = null, addressTimer = 0;
+const past = [], future = [], turns = {}, cursors = {}, cursorAt = {}, colours = {};
 const fields = new Map(); // by the name of a parameter: {slider, field, low, high, set, now}
 
 // --- texts -----------------------------------------------------------------------------------------------------------
@@ -33,29 +34,29 @@ function fmt(x, digits = 4) {
 const plainName = (name) => name.replaceAll("_", " ");
 const unitOf = (unit) => (unit === "1" ? "" : `, ${unit.replaceAll("*", "·").replace("^2", "²")}`);
 const msText = (ms) => (ms === null ? "unstable" : fmt(ms));
-const cut = (text) => `“${text.slice(0, 40)}”`;
+const quoted = (text) => `“${text.slice(0, 40)}”`;
 
 // Show a message at the top. A message with `refused` disappears when the server accepts a design.
-function say(text, mild = false, refused = false) {
+function notify(text, mild = false, refused = false) {
   Object.assign($("message"), { textContent: text, hidden: !text, className: mild ? "mild" : refused ? "refused" : "" });
 }
 
 // --- requests --------------------------------------------------------------------------------------------------------
 
-// Return the answer; {stale} if a newer request was sent, {busy}, or {error}, which is empty if the server is gone.
-async function ask(what, more = {}) {
-  turns[what] = (turns[what] ?? 0) + 1;
-  const body = JSON.stringify({ client: CLIENT, turn: turns[what], ...more });
+// Return the answer, or {stale} after a newer request, or {busy}, or {error}, which is empty if the server does not answer.
+async function send(name, extra = {}) {
+  turns[name] = (turns[name] ?? 0) + 1;
+  const body = JSON.stringify({ client: CLIENT, turn: turns[name], ...extra });
   let answer;
   try {
-    const got = await fetch(what, { method: "POST", headers: { "Content-Type": "application/json" }, body });
+    const got = await fetch(name, { method: "POST", headers: { "Content-Type": "application/json" }, body });
     if (got.status === 200) answer = unpacked(await got.arrayBuffer());
     else answer = { 204: { stale: true }, 503: { busy: true } }[got.status] ?? { error: (await got.json()).error };
   } catch {
     serverLost();
     return { error: "" };
   }
-  if (lost) serverBack();
+  if (disconnected) serverBack();
   return answer;
 }
 
@@ -71,76 +72,77 @@ function unpacked(buffer) {
 }
 
 function serverLost() {
-  say("The server does not answer. The address of this page contains the whole design. "
-    + "Start railslip design again with the same --port; the page then continues.");
-  if (lost) return;
-  lost = true;
-  const later = () => setTimeout(() => lost && fetch("page.css").then((got) => (got.ok ? serverBack() : later()), later), RETRY);
+  notify("The server does not answer. The address of this page contains the whole design. "
+    + "Start railslip design again with the same --port; the page then reconnects.");
+  if (disconnected) return;
+  disconnected = true;
+  const later = () => setTimeout(() => disconnected && fetch("page.css").then((got) => (got.ok ? serverBack() : later()), later), RETRY);
   later();
 }
 
 function serverBack() {
-  if (!lost) return;
-  lost = false;
-  say("");
-  if (begin === null) start();
-  else changed();
+  if (!disconnected) return;
+  disconnected = false;
+  notify("");
+  if (setup === null) start();
+  else designChanged();
 }
 
-// Requests of one name, sent one at a time; if the design changes meanwhile, the newest is sent afterwards.
-class Question {
-  constructor(what, wait, take, more = () => ({})) {
-    Object.assign(this, { what, wait, take, more, asked: false, again: false, timer: 0 });
+// Requests of the same name, sent one after the other; if the design changes meanwhile, only the newest is sent.
+class LatestRequest {
+  constructor(name, wait, onAnswer, extra = () => ({})) {
+    Object.assign(this, { name, wait, onAnswer, extra, pending: false, repeat: false, timer: 0 });
   }
 
+  // Send the request after a pause in the changes, or after the answer to the present request.
   soon(wait = this.wait) {
     clearTimeout(this.timer);
-    if (this.asked) this.again = true;
+    if (this.pending) this.repeat = true;
     else if (wait) this.timer = setTimeout(() => this.now(), wait);
     else this.now();
   }
 
   async now() {
-    if (!kindNow().loop && this.what !== "loop" && this.what !== "stops") return;
-    this.asked = true;
-    this.again = false;
-    const answer = await ask(this.what, { design, ...this.more() });
-    this.asked = false;
+    if (!kindNow().loop && this.name !== "loop" && this.name !== "stops") return;
+    this.pending = true;
+    this.repeat = false;
+    const answer = await send(this.name, { design, ...this.extra() });
+    this.pending = false;
     if (answer.busy) this.soon(RETRY);
-    else if (!answer.stale && answer.error !== "" && !(answer.error && this.again)) this.take(answer, this.again);
-    if (this.again && !lost) this.soon();
+    else if (!answer.stale && answer.error !== "" && !(answer.error && this.repeat)) this.onAnswer(answer, this.repeat);
+    if (this.repeat && !disconnected) this.soon();
   }
 }
 
-const questions = {
-  loop: new Question("loop", 0, takeLoop, () => ({ from: fromKmh, point: chosen ?? hardest })),
-  envelope: new Question("envelope", SHORT_WAIT, takeEnvelope),
-  stops: new Question("stops", SHORT_WAIT, takeStops),
-  verdict: new Question("verdict", LONG_WAIT, takeVerdict),
-  region: new Question("region", SHORT_WAIT, takeRegion, () => ({ axes: axes(), all: regionAll })),
+const requests = {
+  loop: new LatestRequest("loop", 0, takeLoop, () => ({ from: fromKmh, point: chosen ?? hardest })),
+  envelope: new LatestRequest("envelope", SHORT_WAIT, takeEnvelope),
+  stops: new LatestRequest("stops", SHORT_WAIT, takeStops),
+  verdict: new LatestRequest("verdict", LONG_WAIT, takeVerdict),
+  region: new LatestRequest("region", SHORT_WAIT, takeRegion, () => ({ axes: axes(), all: regionAll })),
 };
 
 // --- the design ------------------------------------------------------------------------------------------------------
 
-const kindNow = () => begin.kinds[design.kind];
+const kindNow = () => setup.kinds[design.kind];
 const axes = () => (kindNow().tuned ? ["kp", "ki"] : [$("axis-x").value, $("axis-y").value]);
-const started = (kind) => Object.fromEntries(begin.kinds[kind].sliders.map((one) => [one.name, one.value]));
+const initialValues = (kind) => Object.fromEntries(setup.kinds[kind].sliders.map((parameter) => [parameter.name, parameter.value]));
 
 // Send all requests again after a change of the design. `undoable`: add the change to the undo list.
-function changed(undoable = false) {
-  if (undoable) remember();
+function designChanged(undoable = false) {
+  if (undoable) recordUndo();
   hardest = verdict = null;
   $("answer").classList.add("stale");
   showNumbers();
-  for (const name of kindNow().loop ? ["loop", "envelope", "stops", "verdict"] : ["loop", "stops"]) questions[name].soon();
+  for (const name of kindNow().loop ? ["loop", "envelope", "stops", "verdict"] : ["loop", "stops"]) requests[name].soon();
   if (kindNow().loop) askRegion();
-  else takeEnvelope({ error: "No verdict: there is no linear loop. See the braking runs." });
+  else takeEnvelope({ error: "No verdict: this controller has no linear loop. See the braking runs." });
   drawMap();
   clearTimeout(addressTimer);
   addressTimer = setTimeout(writeAddress, 150);
 }
 
-function remember() {
+function recordUndo() {
   if (before !== null && JSON.stringify(before) !== JSON.stringify(design)) {
     past.push(before);
     future.length = 0;
@@ -151,18 +153,18 @@ function remember() {
 }
 
 // Replace the design, possibly by one of another kind.
-function shape(given, undoable = true) {
+function setDesign(given, undoable = true) {
   design = given;
   showKind();
-  changed(undoable);
+  designChanged(undoable);
 }
 
 function goTo(from, to) {
   if (!from.length) return;
   to.push(copyOf(design));
   before = copyOf(from.at(-1));
-  shape(from.pop(), false);
-  remember();
+  setDesign(from.pop(), false);
+  recordUndo();
 }
 
 function askRegion() {
@@ -172,40 +174,40 @@ function askRegion() {
   if (key === regionKey) return;
   regionKey = key;
   regionAll = false;
-  $("map-told").textContent = "…";
-  questions.region.soon();
+  $("map-note").textContent = "…";
+  requests.region.soon();
 }
 
 // --- the address -----------------------------------------------------------------------------------------------------
 
 function writeAddress() {
   const slips = Object.entries(design.reference).map(([rail, slip]) => [`slip.${rail}`, slip]);
-  written = `#${new URLSearchParams([["kind", design.kind], ...Object.entries(design.values), ...slips])}`;
-  history.replaceState(null, "", written);
+  writtenHash = `#${new URLSearchParams([["kind", design.kind], ...Object.entries(design.values), ...slips])}`;
+  history.replaceState(null, "", writtenHash);
 }
 
-// Read the design from the address. Entries that are not valid are reported and ignored.
+// Read the design from the address. Invalid entries are reported and ignored.
 function takeAddress() {
-  if (location.hash === written) return null;
+  if (location.hash === writtenHash) return null;
   const entries = new URLSearchParams(location.hash.slice(1)), wrong = [];
   let kind = entries.get("kind") ?? design.kind;
-  if (!Object.hasOwn(begin.kinds, kind)) {
-    wrong.push(`kind ${cut(kind)} is not known; choose one of ${Object.keys(begin.kinds).join(", ")}`);
+  if (!Object.hasOwn(setup.kinds, kind)) {
+    wrong.push(`kind ${quoted(kind)} is not known; choose one of ${Object.keys(setup.kinds).join(", ")}`);
     kind = design.kind;
   }
   const free = kind === "transfer-function" && [...entries.keys()].some((name) => /^[ab]\d+$/.test(name));
-  const given = { kind, values: free ? {} : kind === design.kind ? { ...design.values } : started(kind), reference: { ...design.reference } };
+  const given = { kind, values: free ? {} : kind === design.kind ? { ...design.values } : initialValues(kind), reference: { ...design.reference } };
   for (const [name, text] of entries) {
     const rail = name.startsWith("slip.") ? name.slice(5) : "", value = Number(text);
     const known = rail ? Object.hasOwn(given.reference, rail) : free ? /^[ab]\d{1,2}$/.test(name) : Object.hasOwn(given.values, name);
     if (name === "kind") continue;
-    if (!known) wrong.push(`${kind} has no parameter ${cut(name)}`);
-    else if (!text.trim() || !Number.isFinite(value)) wrong.push(`${name}: ${cut(text)} is not a number`);
+    if (!known) wrong.push(`${kind} has no parameter ${quoted(name)}`);
+    else if (!text.trim() || !Number.isFinite(value)) wrong.push(`${name}: ${quoted(text)} is not a number`);
     else if (rail) given.reference[rail] = value;
     else given.values[name] = value;
   }
-  shape(given);
-  return wrong.length ? say(`Ignored in the address: ${wrong.join("; ")}.`) : null;
+  setDesign(given);
+  return wrong.length ? notify(`Ignored in the address: ${wrong.join("; ")}.`) : null;
 }
 
 // --- fields ----------------------------------------------------------------------------------------------------------
@@ -218,29 +220,29 @@ function addNumber(parent, { name, label, unit, meaning, value, most }, set) {
   const row = make("div", { className: "number" });
   row.append(caption, slider, field);
   parent.append(row);
-  const size = Math.abs(value) || 1, one = { slider, field, set, low: size / REACH, high: Math.min(size * REACH, most ?? Infinity) };
+  const size = Math.abs(value) || 1, entry = { slider, field, set, low: size / REACH, high: Math.min(size * REACH, most ?? Infinity) };
   slider.addEventListener("input", () => {
-    const size = one.low * (one.high / one.low) ** (slider.value / STEPS);
-    set(Number((one.now < 0 ? -size : size).toPrecision(6)));
-    changed();
+    const size = entry.low * (entry.high / entry.low) ** (slider.value / STEPS);
+    set(Number((entry.now < 0 ? -size : size).toPrecision(6)));
+    designChanged();
   });
-  slider.addEventListener("change", remember);
+  slider.addEventListener("change", recordUndo);
   const typed = () => {
-    clearTimeout(one.timer);
+    clearTimeout(entry.timer);
     const text = field.value.trim().replace("−", "-").replace(",", "."), given = Number(text);
     const good = text !== "" && Number.isFinite(given);
     field.setAttribute("aria-invalid", String(!good));
-    say(good ? "" : `${caption.textContent}: ${cut(text)} is not a number; the previous value is kept`);
-    if (!good || given === one.now) return;
+    notify(good ? "" : `${caption.textContent}: ${quoted(text)} is not a number; the previous value is kept`);
+    if (!good || given === entry.now) return;
     set(given);
-    changed();
+    designChanged();
   };
   field.addEventListener("input", () => {
-    clearTimeout(one.timer);
-    one.timer = setTimeout(typed, LONG_WAIT);
+    clearTimeout(entry.timer);
+    entry.timer = setTimeout(typed, LONG_WAIT);
   });
-  for (const act of [typed, remember]) field.addEventListener("change", act);
-  fields.set(name, one);
+  for (const act of [typed, recordUndo]) field.addEventListener("change", act);
+  fields.set(name, entry);
 }
 
 function showKind() {
@@ -251,11 +253,11 @@ function showKind() {
   $("coefficients").hidden = !free;
   for (const id of ["sliders", "more-sliders"]) $(id).replaceChildren();
   for (const name of fields.keys()) if (!name.startsWith("slip-")) fields.delete(name);
-  const known = new Map(kindNow().sliders.map((one) => [one.name, one]));
+  const known = new Map(kindNow().sliders.map((parameter) => [parameter.name, parameter]));
   const names = free ? Object.keys(design.values).sort((a, b) => b.localeCompare(a, undefined, { numeric: true })) : [...known.keys()];
   names.forEach((name, i) => {
-    const one = known.get(name) ?? { name, unit: "1", meaning: `coefficient of the power ${name.slice(1)}`, most: null };
-    addNumber($(i < SHOWN ? "sliders" : "more-sliders"), { ...one, value: one.value || design.values[name] }, (value) => (design.values[name] = value));
+    const parameter = known.get(name) ?? { name, unit: "1", meaning: `coefficient of the power ${name.slice(1)}`, most: null };
+    addNumber($(i < SHOWN ? "sliders" : "more-sliders"), { ...parameter, value: parameter.value || design.values[name] }, (value) => (design.values[name] = value));
   });
   for (const [id, letter] of [["num", "b"], ["den", "a"]]) {
     if (free) $(id).value = names.filter((name) => name[0] === letter).map((name) => design.values[name]).join(", ");
@@ -270,14 +272,14 @@ function showKind() {
 }
 
 function showNumbers() {
-  for (const [name, one] of fields) {
-    const value = (one.now = name.startsWith("slip-") ? design.reference[name.slice(5)] : design.values[name]), size = Math.abs(value);
-    if (size) Object.assign(one, { low: Math.min(one.low, size), high: Math.max(one.high, size) });
-    one.slider.value = size ? Math.round((STEPS * Math.log(size / one.low)) / Math.log(one.high / one.low)) : 0;
-    one.slider.setAttribute("aria-valuetext", fmt(value));
-    if (document.activeElement === one.field) continue;
-    one.field.value = String(Number(value.toPrecision(6)));
-    one.field.removeAttribute("aria-invalid");
+  for (const [name, entry] of fields) {
+    const value = (entry.now = name.startsWith("slip-") ? design.reference[name.slice(5)] : design.values[name]), size = Math.abs(value);
+    if (size) Object.assign(entry, { low: Math.min(entry.low, size), high: Math.max(entry.high, size) });
+    entry.slider.value = size ? Math.round((STEPS * Math.log(size / entry.low)) / Math.log(entry.high / entry.low)) : 0;
+    entry.slider.setAttribute("aria-valuetext", fmt(value));
+    if (document.activeElement === entry.field) continue;
+    entry.field.value = String(Number(value.toPrecision(6)));
+    entry.field.removeAttribute("aria-invalid");
   }
 }
 
@@ -286,18 +288,18 @@ function typedCoefficients() {
   for (const [id, letter] of [["num", "b"], ["den", "a"]]) {
     const parts = $(id).value.split(/[,;\s]+/).filter(Boolean).map(Number), good = parts.length > 0 && parts.length <= 12 && parts.every(Number.isFinite);
     $(id).setAttribute("aria-invalid", String(!good));
-    if (!good) return say(`${$(id).labels[0].textContent}: give one to twelve numbers, separated by commas; the previous ones are kept`);
+    if (!good) return notify(`${$(id).labels[0].textContent}: give one to twelve numbers, separated by commas; the previous values are kept`);
     parts.forEach((value, i) => (values[`${letter}${parts.length - 1 - i}`] = value));
   }
-  say("");
-  return shape({ ...design, values });
+  notify("");
+  return setDesign({ ...design, values });
 }
 
 // --- answers ---------------------------------------------------------------------------------------------------------
 
 function takeLoop(answer) {
-  if (answer.error) return say(answer.error, false, true);
-  if ($("message").className === "refused") say("");
+  if (answer.error) return notify(answer.error, false, true);
+  if ($("message").className === "refused") notify("");
   loop = answer;
   showMargins();
   $("where").textContent = answer.where;
@@ -324,7 +326,7 @@ function showMargins() {
 function showVerdict(answer, outdated = false) {
   $("verdict").className = answer.verdict ?? "";
   $("verdict").textContent = answer.line;
-  $("told").textContent = answer.told?.join(". ") ?? "";
+  $("slip-notes").textContent = answer.told?.join(". ") ?? "";
   $("answer").classList.toggle("stale", outdated);
   if (loop) showMargins();
   draw["envelope-map"]();
@@ -341,7 +343,7 @@ function takeEnvelope(answer, outdated) {
   fromKmh = answer.usable_from_kmh ?? 0;
   if (chosen === null && !outdated && loop?.point !== answer.hardest) {
     hardest = answer.hardest;
-    questions.loop.soon();
+    requests.loop.soon();
   }
   return showVerdict(verdict ?? answer, outdated);
 }
@@ -353,7 +355,7 @@ function takeVerdict(answer, outdated) {
 }
 
 function takeStops(answer) {
-  if (answer.error) return say(answer.error, false, true);
+  if (answer.error) return notify(answer.error, false, true);
   stops = answer;
   return draw.stop();
 }
@@ -361,45 +363,46 @@ function takeStops(answer) {
 function takeRegion(answer, outdated) {
   if (outdated) return;
   region = answer.error ? { levels: [] } : answer;
-  const none = answer.error ?? "no gains of this kind stabilise every operating point: hold less slip, or choose another kind";
-  $("map-told").textContent = region.levels?.length === 0 ? none : region.few ? "at the hardest points; all follow" : region.levels ? "" : "at the hardest points";
+  const none = answer.error ?? "no gains of this kind stabilise every operating point: give a smaller reference slip or choose another kind";
+  const few = "at the hardest operating points";
+  $("map-note").textContent = region.levels?.length === 0 ? none : region.few ? `${few}; the others follow` : region.levels ? "" : few;
   if (!answer.error) fitMap();
   drawMap();
   if (!region.few) return;
   regionAll = true;
-  questions.region.soon();
+  requests.region.soon();
 }
 
 // --- drawing ---------------------------------------------------------------------------------------------------------
 
-const INKS = "paper panel ink dim rule grid line pinned worst good fair bad shade from to void".split(" ");
+const COLOURS = "paper panel ink dim rule grid line pinned worst good fair bad shade from to void".split(" ");
 const FONT = "11.5px system-ui, sans-serif", MARGIN = { left: 50, right: 10, title: 17, bottom: 34 };
 
-function readInks() {
+function readColours() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of INKS) inks[name] = style.getPropertyValue(`--${name}`).trim();
+  for (const name of COLOURS) colours[name] = style.getPropertyValue(`--${name}`).trim();
 }
 
 // Return a colour of the Ms scale; 0 is the palest, 1 the strongest.
 function mixed(share) {
   const part = (text, i) => parseInt(text.slice(1 + 2 * i, 3 + 2 * i), 16);
-  return `rgb(${[0, 1, 2].map((i) => Math.round(part(inks.from, i) + (part(inks.to, i) - part(inks.from, i)) * share)).join()})`;
+  return `rgb(${[0, 1, 2].map((i) => Math.round(part(colours.from, i) + (part(colours.to, i) - part(colours.from, i)) * share)).join()})`;
 }
 
 // Clear a canvas and set its units to CSS pixels.
-function sheet(id) {
+function clearedCanvas(id) {
   const canvas = $(id), ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
   if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
   const ctx = canvas.getContext("2d");
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
-  ctx.fillStyle = inks.paper;
+  ctx.fillStyle = colours.paper;
   ctx.fillRect(0, 0, width, height);
   Object.assign(ctx, { font: FONT, lineJoin: "round", textBaseline: "middle" });
   return { ctx, width, height };
 }
 
-function write(ctx, text, x, y, align = "left", colour = inks.dim) {
+function write(ctx, text, x, y, align = "left", colour = colours.dim) {
   Object.assign(ctx, { textAlign: align, fillStyle: colour });
   ctx.fillText(text, x, y);
 }
@@ -413,19 +416,19 @@ function ticksOf([low, high], log, count) {
     }
     return found;
   }
-  const size = 10 ** Math.floor(Math.log10((high - low) / count)), step = size * [1, 2, 5, 10].find((one) => one * size >= (high - low) / count);
+  const size = 10 ** Math.floor(Math.log10((high - low) / count)), step = size * [1, 2, 5, 10].find((factor) => factor * size >= (high - low) / count);
   for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) found.push(i * step);
   return found;
 }
 
-// Draw a panel between two heights of a sheet, with title and ticks; its functions `x` and `y` convert numbers to pixels.
+// Draw a panel between two heights of a canvas, with title and ticks; its functions `x` and `y` convert numbers to pixels.
 function panel({ ctx, width }, top, bottom, spec) {
   const left = MARGIN.left, right = width - MARGIN.right;
   const share = ([low, high], log) => (v) => (log ? Math.log(v / low) / Math.log(high / low) : (v - low) / (high - low));
   const scale = (ends, log, from, to) => (v) => from + (to - from) * share(ends, log)(v);
   const area = { ctx, left, right, top, bottom, x: scale(spec.x, spec.logX, left, right), y: scale(spec.y, spec.logY, bottom, top) };
   write(ctx, spec.title, left, top - 9);
-  Object.assign(ctx, { strokeStyle: inks.grid, lineWidth: 1 });
+  Object.assign(ctx, { strokeStyle: colours.grid, lineWidth: 1 });
   ctx.beginPath();
   for (const at of spec.ticksY ?? ticksOf(spec.y, spec.logY, Math.max(2, Math.round((bottom - top) / 30)))) {
     const py = Math.round(area.y(at)) + 0.5;
@@ -441,7 +444,7 @@ function panel({ ctx, width }, top, bottom, spec) {
   }
   ctx.stroke();
   if (spec.labelX) write(ctx, spec.labelX, right, bottom + 25, "right");
-  ctx.strokeStyle = inks.rule;
+  ctx.strokeStyle = colours.rule;
   ctx.strokeRect(left + 0.5, top + 0.5, right - left, bottom - top);
   return area;
 }
@@ -490,14 +493,14 @@ function ring(ctx, px, py, radius, colour, fill, wide = 2, dash = []) {
   ctx.setLineDash([]);
 }
 
-const dot = (area, x, y, colour, hollow = false) => ring(area.ctx, area.x(x), area.y(y), hollow ? 6 : 3.5, colour, hollow ? inks.paper : colour);
+const dot = (area, x, y, colour, hollow = false) => ring(area.ctx, area.x(x), area.y(y), hollow ? 6 : 3.5, colour, hollow ? colours.paper : colour);
 
 function hatch(ctx, x, y, wide, high) {
   ctx.save();
   ctx.beginPath();
   ctx.rect(x, y, wide, high);
   ctx.clip();
-  Object.assign(ctx, { strokeStyle: inks.rule, lineWidth: 1 });
+  Object.assign(ctx, { strokeStyle: colours.rule, lineWidth: 1 });
   ctx.beginPath();
   for (let at = -high; at < wide; at += 8) {
     ctx.moveTo(x + at, y + high);
@@ -508,9 +511,9 @@ function hatch(ctx, x, y, wide, high) {
 }
 
 // Show a message in place of a plot.
-function instead(id, message) {
-  const { ctx, width, height } = sheet(id), lines = [""];
-  ctx.fillStyle = inks.panel;
+function plotMessage(id, message) {
+  const { ctx, width, height } = clearedCanvas(id), lines = [""];
+  ctx.fillStyle = colours.panel;
   ctx.fillRect(0, 0, width, height);
   for (const word of message.split(" ")) {
     if (ctx.measureText(`${lines.at(-1)} ${word}`).width > width - 40) lines.push("");
@@ -520,7 +523,7 @@ function instead(id, message) {
   cursors[id] = null;
 }
 
-// Return the ends of an axis that shows the lists, pinned ones included, within bounds.
+// Return the ends of an axis that shows the values of all lists between two bounds.
 function extent(lists, low, high, room) {
   let [a, b] = [Infinity, -Infinity];
   for (const v of lists.flatMap((list) => [...(list ?? [])])) {
@@ -532,11 +535,12 @@ function extent(lists, low, high, room) {
   return [a - more, b + more];
 }
 
-// Let the user read values from a plot: number of points, the one nearest to the pointer, dots to draw there, its text.
+// Let the user read values from a plot. Arguments: number of points; functions for the point nearest to the pointer,
+// for the dots of a point and for its text.
 function readable(id, count, near, marks, text) {
   cursors[id] = { count, near, marks, text };
   const at = cursorAt[id] === null || cursorAt[id] === undefined ? null : Math.min(cursorAt[id], count - 1);
-  for (const [area, x, y] of at === null ? [] : marks(at)) inside(area, () => dot(area, x, y, inks.ink));
+  for (const [area, x, y] of at === null ? [] : marks(at)) inside(area, () => dot(area, x, y, colours.ink));
   $(`${id}-read`).textContent = at === null ? "" : text(at);
 }
 
@@ -551,19 +555,19 @@ const nearX = (area, xs) => (px) => nearest(xs.length, (i) => Math.abs(area.x(xs
 const draw = {
   nyquist() {
     if (!loop) return;
-    if (loop.no_loop) return instead("nyquist", loop.no_loop);
-    const of = sheet("nyquist"), high = of.height - MARGIN.bottom, reach = 2.3; // length of the imaginary axis shown
+    if (loop.no_loop) return plotMessage("nyquist", loop.no_loop);
+    const of = clearedCanvas("nyquist"), high = of.height - MARGIN.bottom, reach = 2.3; // length of the imaginary axis shown
     const wide = (reach * (of.width - MARGIN.left - MARGIN.right)) / (high - MARGIN.title);
     const area = panel(of, MARGIN.title, high, { x: [-0.9 - wide / 2, -0.9 + wide / 2], y: [-0.55 * reach, 0.45 * reach], title: "imaginary part of L", labelX: "real part of L" });
     const { re, im, omega } = loop.arrays, old = pinned?.loop.arrays, w = loop.frequencies?.ms, size = area.x(0) - area.x(-1);
     inside(area, (ctx) => {
-      ring(ctx, area.x(-1), area.y(0), size / loop.least_ms, inks.dim, "", 1.25, [5, 4]);
-      if (loop.ms) ring(ctx, area.x(-1), area.y(0), size / loop.ms, inks.worst, inks.shade, 1.5);
-      if (old?.re) line(area, old.re, old.im, inks.pinned);
-      line(area, re, im, inks.line);
-      line({ ...area, x: (v) => area.x(-1) + v, y: (v) => area.y(0) + v }, [-5, 5, NaN, -5, 5], [-5, 5, NaN, 5, -5], inks.ink);
+      ring(ctx, area.x(-1), area.y(0), size / loop.least_ms, colours.dim, "", 1.25, [5, 4]);
+      if (loop.ms) ring(ctx, area.x(-1), area.y(0), size / loop.ms, colours.worst, colours.shade, 1.5);
+      if (old?.re) line(area, old.re, old.im, colours.pinned);
+      line(area, re, im, colours.line);
+      line({ ...area, x: (v) => area.x(-1) + v, y: (v) => area.y(0) + v }, [-5, 5, NaN, -5, 5], [-5, 5, NaN, 5, -5], colours.ink);
       const worst = w ? nearest(omega.length, (i) => Math.abs(Math.log(omega[i] / w))) : -1;
-      if (worst >= 0) dot(area, re[worst], im[worst], inks.worst, true);
+      if (worst >= 0) dot(area, re[worst], im[worst], colours.worst, true);
     });
     readable("nyquist", re.length, (px, py) => nearest(re.length, (i) => Math.hypot(area.x(re[i]) - px, area.y(im[i]) - py)), (i) => [[area, re[i], im[i]]],
       (i) => `${fmt(omega[i])} rad/s: L = ${fmt(re[i], 3)} ${im[i] < 0 ? "−" : "+"} ${fmt(Math.abs(im[i]), 3)} j`);
@@ -572,15 +576,15 @@ const draw = {
 
   bode() {
     if (!loop) return;
-    if (loop.no_loop) return instead("bode", loop.no_loop);
-    const { omega, db, phase } = loop.arrays, old = pinned?.loop.arrays, of = sheet("bode");
+    if (loop.no_loop) return plotMessage("bode", loop.no_loop);
+    const { omega, db, phase } = loop.arrays, old = pinned?.loop.arrays, of = clearedCanvas("bode");
     const shown = [...omega.keys()].filter((i) => Math.abs(db[i]) < 60), ends = shown.length > 20 ? [shown[0], shown.at(-1)] : [0, omega.length - 1];
     const x = ends.map((i) => omega[i]), seen = (list) => list.slice(ends[0], ends[1] + 1), [low, high] = extent([seen(phase)], -1e4, 1e4, 15);
     const y = [Math.max(low, Math.min(high, -120) - 480), high], ticksY = [];
     for (let at = Math.ceil(y[0] / 90) * 90; at <= y[1]; at += y[1] - y[0] > 400 ? 180 : 90) ticksY.push(at);
     const areas = stacked(of, x, true, "rad/s", [{ title: "|L|, dB", y: extent([seen(db)], -60, 60, 3) }, { title: "phase, deg", y, ticksY }]);
     const value = (list, w) => { // interpolated at the frequency w
-      const i = Math.min(omega.length - 1, Math.max(1, omega.findIndex((one) => one >= w)));
+      const i = Math.min(omega.length - 1, Math.max(1, omega.findIndex((frequency) => frequency >= w)));
       return list[i - 1] + ((list[i] - list[i - 1]) * Math.log(w / omega[i - 1])) / Math.log(omega[i] / omega[i - 1]);
     };
     const { phase_margin: pm, gain_increase: up, gain_decrease: down } = loop.frequencies ?? {};
@@ -588,15 +592,15 @@ const draw = {
     areas.forEach((area, k) => inside(area, (ctx) => {
       const [from, to] = loop.crossover ? [loop.crossover[0] ?? 0, loop.crossover[1] ?? Infinity] : [Infinity, Infinity];
       const [px, qx] = [from, to].map((w) => Math.max(area.left, Math.min(area.right, w ? area.x(w) : area.left)));
-      ctx.fillStyle = inks.shade;
+      ctx.fillStyle = colours.shade;
       ctx.fillRect(area.left, area.top, px - area.left, area.bottom - area.top);
       ctx.fillRect(qx, area.top, area.right - qx, area.bottom - area.top);
-      for (const at of k ? [-180, -540] : [0]) line(area, x, [at, at], inks.dim, 1, [4, 3]);
-      if (old?.omega) line(area, old.omega, k ? old.phase : old.db, inks.pinned);
-      line(area, omega, k ? phase : db, inks.line);
+      for (const at of k ? [-180, -540] : [0]) line(area, x, [at, at], colours.dim, 1, [4, 3]);
+      if (old?.omega) line(area, old.omega, k ? old.phase : old.db, colours.pinned);
+      line(area, omega, k ? phase : db, colours.line);
       for (const [w, a, b] of bars[k]) {
-        line(area, [w, w], [a, b], inks.worst, 3);
-        dot(area, w, a, inks.worst);
+        line(area, [w, w], [a, b], colours.worst, 3);
+        dot(area, w, a, colours.worst);
       }
     }));
     readable("bode", omega.length, nearX(areas[0], omega), (i) => [[areas[0], omega[i], db[i]], [areas[1], omega[i], phase[i]]],
@@ -606,17 +610,17 @@ const draw = {
 
   step() {
     if (!loop) return;
-    if (loop.no_loop || loop.no_step) return instead("step", loop.no_loop ?? loop.no_step);
+    if (loop.no_loop || loop.no_step) return plotMessage("step", loop.no_loop ?? loop.no_step);
     const { time, step, load } = loop.arrays, old = pinned?.loop.arrays, most = loop.stable ? 1e6 : 3; // limits the y axis of an unstable loop
     const specs = [
       { title: "slip velocity, m/s: reference step of 1 m/s", y: extent([step, [0, 1], old?.step], -most, most, 0) },
-      { title: `slip velocity, m/s: load step of ${fmt(begin.load_step)} N·m at the wheel`, y: extent([load, [0], old?.load], -most, most, 1e-9) },
+      { title: `slip velocity, m/s: load step of ${fmt(setup.load_step)} N·m at the wheel`, y: extent([load, [0], old?.load], -most, most, 1e-9) },
     ];
-    const areas = stacked(sheet("step"), [0, time.at(-1)], false, "s", specs);
+    const areas = stacked(clearedCanvas("step"), [0, time.at(-1)], false, "s", specs);
     areas.forEach((area, k) => inside(area, () => {
-      line(area, [0, time.at(-1)], k ? [0, 0] : [1, 1], inks.dim, 1, [4, 3]);
-      if (old?.time) line(area, old.time, k ? old.load : old.step, inks.pinned);
-      line(area, time, k ? load : step, inks.line);
+      line(area, [0, time.at(-1)], k ? [0, 0] : [1, 1], colours.dim, 1, [4, 3]);
+      if (old?.time) line(area, old.time, k ? old.load : old.step, colours.pinned);
+      line(area, time, k ? load : step, colours.line);
     }));
     return readable("step", time.length, nearX(areas[0], time), (i) => [[areas[0], time[i], step[i]], [areas[1], time[i], load[i]]],
       (i) => `${fmt(time[i], 3)} s: ${fmt(step[i], 3)} m/s after the step, ${fmt(load[i], 3)} m/s after the load`);
@@ -625,44 +629,44 @@ const draw = {
   stop() {
     if (!stops) return;
     const name = document.querySelector("input[name=run]:checked").value;
-    const columns = (of) => of && Object.fromEntries(["time", "train", "wheel", "slip", "reference", "torque"].map((one) => [one, of.arrays[`${name} ${one}`]]));
+    const columns = (of) => of && Object.fromEntries(["time", "train", "wheel", "slip", "reference", "torque"].map((column) => [column, of.arrays[`${name} ${column}`]]));
     const now = columns(stops), old = columns(pinned?.stops), { time } = now, end = Math.max(time.at(-1), old?.time.at(-1) ?? 0);
     const parts = [["km/h: train (dashed) and wheel", "wheel", "train", 1], ["slip, and its reference (dashed)", "slip", "reference", 0.004], ["torque, N·m", "torque", "torque", 20]];
-    const specs = parts.map(([title, one, other, room]) => ({ title, y: extent([now[one], now[other], old?.[one]], -1e9, 1e9, room) }));
-    const areas = stacked(sheet("stop"), [0, end], false, "s", specs);
+    const specs = parts.map(([title, first, second, room]) => ({ title, y: extent([now[first], now[second], old?.[first]], -1e9, 1e9, room) }));
+    const areas = stacked(clearedCanvas("stop"), [0, end], false, "s", specs);
     areas.forEach((area, k) => inside(area, () => {
-      if (old) line(area, old.time, old[parts[k][1]], inks.pinned, 1.5);
-      line(area, time, now[parts[k][1]], inks.line, 1.5);
-      if (k < 2) line(area, time, now[parts[k][2]], inks.ink, 1.25, [5, 4]);
+      if (old) line(area, old.time, old[parts[k][1]], colours.pinned, 1.5);
+      line(area, time, now[parts[k][1]], colours.line, 1.5);
+      if (k < 2) line(area, time, now[parts[k][2]], colours.ink, 1.25, [5, 4]);
     }));
     readable("stop", time.length, nearX(areas[0], time), (i) => areas.map((area, k) => [area, time[i], now[parts[k][1]][i]]),
       (i) => `${fmt(time[i], 3)} s: train ${fmt(now.train[i], 3)}, wheel ${fmt(now.wheel[i], 3)} km/h, slip ${fmt(now.slip[i], 3)}, torque ${fmt(now.torque[i])} N·m`);
-    $("stop-told").textContent = stops.words[name].replaceAll("N*m", "N·m").split("\n").join(". ");
+    $("stop-summary").textContent = stops.words[name].replaceAll("N*m", "N·m").split("\n").join(". ");
     return $("stop").setAttribute("aria-label", `Braking run: ${stops.words[name].split("\n")[0]}`);
   },
 
-  // Worst Ms of every speed and load: first number at the operating points, second number with tolerances.
+  // Worst Ms at each speed and load: the first number is for the operating points, the second includes tolerances.
   "envelope-map"() {
-    if (!envelope) return instead("envelope-map", "no map without a linear loop");
-    const { ctx, width, height } = sheet("envelope-map"), { speeds_kmh: speeds, loads, operating } = envelope.map, worse = verdict?.map.with_tolerances;
+    if (!envelope) return plotMessage("envelope-map", "no map: this controller has no linear loop");
+    const { ctx, width, height } = clearedCanvas("envelope-map"), { speeds_kmh: speeds, loads, operating } = envelope.map, worse = verdict?.map.with_tolerances;
     const left = MARGIN.left + 6, wide = (width - left - 4) / speeds.length, high = (height - MARGIN.bottom) / loads.length;
     const cell = (i, j) => [left + i * wide + 2, j * high + 2, wide - 4, high - 4];
     loads.forEach((load, j) => {
       write(ctx, load, left - 6, high * (j + 0.5), "right");
       speeds.forEach((_, i) => {
         const ms = operating[i][j], [px, py] = [left + (i + 0.5) * wide, (j + 0.5) * high];
-        ctx.fillStyle = inks.panel;
+        ctx.fillStyle = colours.panel;
         ctx.fillRect(...cell(i, j));
-        if (envelope.bounds[i][j] > begin.robust_ms) hatch(ctx, ...cell(i, j));
-        Object.assign(ctx, { lineWidth: 2, strokeStyle: ms === null ? inks.bad : ms <= begin.robust_ms * (1 + 1e-6) ? inks.good : inks.fair });
+        if (envelope.bounds[i][j] > setup.robust_ms) hatch(ctx, ...cell(i, j));
+        Object.assign(ctx, { lineWidth: 2, strokeStyle: ms === null ? colours.bad : ms <= setup.robust_ms * (1 + 1e-6) ? colours.good : colours.fair });
         ctx.strokeRect(...cell(i, j));
-        write(ctx, ms === null && wide < 60 ? "✗" : ms === null ? "unstable" : fmt(ms, 3), px, py - (worse ? 9 : 0), "center", inks.ink);
+        write(ctx, ms === null && wide < 60 ? "✗" : ms === null ? "unstable" : fmt(ms, 3), px, py - (worse ? 9 : 0), "center", colours.ink);
         if (worse) write(ctx, worse[i][j] === null ? "✗" : fmt(worse[i][j], 3), px, py + 9, "center");
       });
     });
     speeds.forEach((speed, i) => write(ctx, fmt(speed, 3), left + (i + 0.5) * wide, height - 24, "center"));
     write(ctx, "km/h", width - 4, height - 8, "right");
-    $("cells-told").textContent = `${worse ? "; second number: with tolerances" : ""}; hatched: no controller has Ms ≤ ${fmt(begin.robust_ms)}`;
+    $("cells-note").textContent = `${worse ? "; second number: with tolerances" : ""}; hatched: no controller has Ms ≤ ${fmt(setup.robust_ms)}`;
     const clamp = (v, most) => Math.max(0, Math.min(most - 1, Math.floor(v))), of = (k) => [k % speeds.length, Math.floor(k / speeds.length)];
     readable("envelope-map", speeds.length * loads.length, (px, py) => clamp((px - left) / wide, speeds.length) + speeds.length * clamp(py / high, loads.length), () => [], (k) => {
       const [i, j] = of(k);
@@ -682,7 +686,7 @@ function fitMap() {
     view = { x: ends[0], y: ends[1], log: ends[0][0] > 0 && ends[1][0] > 0 };
     return;
   }
-  const level = region.levels.find((one) => one.ms !== null) ?? region.levels[0], rows = level?.rows ?? [];
+  const level = region.levels.find((each) => each.ms !== null) ?? region.levels[0], rows = level?.rows ?? [];
   const kp = [...rows.flatMap((row) => row[1].flat()), x, ...(rows.length ? [] : [x / 3, 3 * x])], room = 0.1 * (Math.max(...kp) - Math.min(...kp));
   const top = Math.max(...rows.map((row) => row[0]), 1e-9);
   view = { x: [Math.min(...kp) - room, Math.max(...kp) + room], y: [0, y > 0.95 * top ? 1.1 * y : top], log: false };
@@ -690,19 +694,19 @@ function fitMap() {
 
 function drawMap() {
   $("map-help").hidden = !kindNow().loop;
-  if (!view || !kindNow().loop) return instead("gain-map", kindNow().loop ? "…" : "no map without a linear loop");
-  const of = sheet("gain-map"), names = axes(), [x, y] = names.map((name) => design.values[name]), labels = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((one) => one.name === name)?.unit ?? "1"));
+  if (!view || !kindNow().loop) return plotMessage("gain-map", kindNow().loop ? "…" : "no map: this controller has no linear loop");
+  const of = clearedCanvas("gain-map"), names = axes(), [x, y] = names.map((name) => design.values[name]), labels = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((parameter) => parameter.name === name)?.unit ?? "1"));
   const area = (mapArea = panel(of, MARGIN.title, of.height - MARGIN.bottom, { x: view.x, y: view.y, logX: view.log, logY: view.log, labelX: labels[0], title: labels[1] }));
   inside(area, (ctx) => {
-    ctx.fillStyle = inks.void;
+    ctx.fillStyle = colours.void;
     ctx.fillRect(area.left, area.top, area.right - area.left, area.bottom - area.top);
     hatch(ctx, area.left, area.top, area.right - area.left, area.bottom - area.top);
     if (region?.m) drawCells(area);
     else if (region) drawLevels(area);
-    if (pinned?.design.kind === design.kind) dot(area, ...names.map((name) => pinned.design.values[name]), inks.pinned);
+    if (pinned?.design.kind === design.kind) dot(area, ...names.map((name) => pinned.design.values[name]), colours.pinned);
     const [px, py] = [[area.x(x), area.left, area.right], [area.y(y), area.top, area.bottom]].map(([at, a, b]) => Math.max(a + 9, Math.min(b - 9, at)));
-    ring(ctx, px, py, 8, inks.worst, inks.paper, 3);
-    ring(ctx, px, py, 1.5, inks.worst, inks.worst);
+    ring(ctx, px, py, 8, colours.worst, colours.paper, 3);
+    ring(ctx, px, py, 1.5, colours.worst, colours.worst);
   });
   return ($("map-read").textContent = `${labels[0]}: ${fmt(x, 5)}; ${labels[1]}: ${fmt(y, 5)}`);
 }
@@ -722,20 +726,20 @@ function drawLevels(area) {
         }
       }
     });
-    ctx.fillStyle = ctx.strokeStyle = ms === null ? inks.paper : mixed((0.85 * k) / (region.levels.length - 1));
+    ctx.fillStyle = ctx.strokeStyle = ms === null ? colours.paper : mixed((0.85 * k) / (region.levels.length - 1));
     ctx.lineWidth = 1; // closes the gap between bands
     ctx.fill();
     ctx.stroke();
   });
   for (const { ms, rows } of region.levels) {
-    const single = rows.filter((row) => row[1].length === 1), strong = ms === null || ms === begin.robust_ms;
-    for (const side of [0, 1]) line(area, single.map((row) => row[1][0][side]), single.map((row) => row[0]), strong ? inks.ink : inks.dim, strong ? 1.75 : 0.75);
+    const single = rows.filter((row) => row[1].length === 1), strong = ms === null || ms === setup.robust_ms;
+    for (const side of [0, 1]) line(area, single.map((row) => row[1][0][side]), single.map((row) => row[0]), strong ? colours.ink : colours.dim, strong ? 1.75 : 0.75);
   }
-  for (const { ms, rows } of region.levels.filter((one) => one.ms !== null)) {
+  for (const { ms, rows } of region.levels.filter((each) => each.ms !== null)) {
     const [ki, gaps] = rows.at(-1), [px, py] = [area.x((gaps[0][0] + gaps.at(-1)[1]) / 2), Math.max(area.top + 8, Math.min(area.bottom - 8, area.y(ki)))];
-    ctx.fillStyle = inks.paper;
+    ctx.fillStyle = colours.paper;
     ctx.fillRect(px - 10, py - 7, 20, 14);
-    write(ctx, fmt(ms, 2), px, py, "center", inks.ink);
+    write(ctx, fmt(ms, 2), px, py, "center", colours.ink);
   }
 }
 
@@ -749,7 +753,7 @@ function drawCells(area) {
     const [px, py, qx, qy] = [xs[i], ys[j], xs[i + 1], ys[j + 1]];
     area.ctx.fillStyle = mixed(0.85 * Math.max(0, Math.min(1, 1 - Math.log(ms / 1.4) / Math.log(3))));
     area.ctx.fillRect(Math.min(px, qx), Math.min(py, qy), Math.abs(qx - px) + 0.6, Math.abs(qy - py) + 0.6);
-    if (ms <= begin.robust_ms) ring(area.ctx, (px + qx) / 2, (py + qy) / 2, 1, inks.ink, inks.ink, 1);
+    if (ms <= setup.robust_ms) ring(area.ctx, (px + qx) / 2, (py + qy) / 2, 1, colours.ink, colours.ink, 1);
   }));
 }
 
@@ -760,7 +764,7 @@ function dragTo(event) {
   const shares = [(event.clientX - box.left - left) / (right - left), (bottom - event.clientY + box.top) / (bottom - top)];
   const values = shares.map((share, i) => along(i ? view.y : view.x, Math.max(0, Math.min(1, share))));
   values.forEach((value, i) => (design.values[names[i]] = Number(value.toPrecision(6))));
-  changed();
+  designChanged();
 }
 
 function moveBy(event) {
@@ -769,16 +773,16 @@ function moveBy(event) {
   event.preventDefault();
   const name = axes()[along[0]], now = design.values[name], step = event.shiftKey ? 0.1 : event.altKey ? 0.002 : 0.02;
   design.values[name] = now ? Number((now * (1 + step) ** (along[1] * Math.sign(now))).toPrecision(8)) : along[1] * step;
-  changed();
+  designChanged();
 }
 
 // --- buttons ---------------------------------------------------------------------------------------------------------
 
 async function save(name) {
-  say(name === "report.html" ? "Making the report, about a minute; you can go on working." : "", true);
-  const answer = await ask("file", { design, name });
-  if (answer.text === undefined) return answer.error ? say(answer.error) : null;
-  say(name === "controller.toml" ? "Saved. To judge it: railslip margins --controller controller.toml --envelope default, with the --vehicle of this page." : "", true);
+  notify(name === "report.html" ? "The report takes about a minute; you can continue to work." : "", true);
+  const answer = await send("file", { design, name });
+  if (answer.text === undefined) return answer.error ? notify(answer.error) : null;
+  notify(name === "controller.toml" ? "Saved. To judge it: railslip margins --controller controller.toml --envelope default, with the --vehicle of this page." : "", true);
   const link = make("a", { href: URL.createObjectURL(new Blob([answer.text], { type: "text/plain" })), download: name });
   link.click();
   return setTimeout(() => URL.revokeObjectURL(link.href), RETRY);
@@ -787,16 +791,16 @@ async function save(name) {
 async function tune(name, field, label, least) {
   const value = Number($(field).value.replace(",", "."));
   $(field).setAttribute("aria-invalid", String(!(value > least)));
-  if (!(value > least)) return say(`${label}: ${cut($(field).value)} is not allowed; give a number > ${least}`);
+  if (!(value > least)) return notify(`${label}: ${quoted($(field).value)} is not allowed; give a number > ${least}`);
   $("best").disabled = $("most").disabled = true;
-  say("Tuning over the whole envelope…", true);
-  const sent = design, answer = await ask("tune", { design, [name]: value });
+  notify("Tuning over the whole envelope…", true);
+  const sent = design, answer = await send("tune", { design, [name]: value });
   $("best").disabled = $("most").disabled = false;
-  if (!answer.values) return answer.error ? say(answer.error) : null;
-  say("");
+  if (!answer.values) return answer.error ? notify(answer.error) : null;
+  notify("");
   if (sent.kind !== design.kind) return null;
   Object.assign(design.values, answer.values);
-  return changed(true);
+  return designChanged(true);
 }
 
 function pin() {
@@ -808,23 +812,23 @@ function pin() {
 function copyAddress() {
   writeAddress();
   return navigator.clipboard.writeText(location.href).then(
-    () => say("Address copied; it contains the whole design.", true), () => say(`Copy this address: ${location.href}`, true));
+    () => notify("Address copied; it contains the whole design.", true), () => notify(`Copy this address: ${location.href}`, true));
 }
 
 async function chooseKind() {
   const kind = $("kind").value;
   if (kind === "transfer-function" && kindNow().loop) { // convert the present design to a ratio of polynomials
-    const answer = await ask("start", { design });
-    if (answer.kinds) begin.kinds = answer.kinds;
+    const answer = await send("start", { design });
+    if (answer.kinds) setup.kinds = answer.kinds;
   }
-  const values = started(kind);
+  const values = initialValues(kind);
   if (kind !== "transfer-function") for (const name of Object.keys(values)) values[name] = design.values[name] ?? values[name];
   chosen = region = view = null;
-  shape({ kind, values, reference: design.reference });
+  setDesign({ kind, values, reference: design.reference });
 }
 
 function drawAll() {
-  readInks();
+  readColours();
   for (const id of PLOTS) if (id !== "envelope-map" || envelope || !kindNow().loop) draw[id]();
   drawMap();
 }
@@ -836,23 +840,23 @@ function listen() {
     dragTo(event);
   });
   map.addEventListener("pointermove", (event) => map.hasPointerCapture(event.pointerId) && dragTo(event));
-  map.addEventListener("lostpointercapture", remember);
+  map.addEventListener("lostpointercapture", recordUndo);
   map.addEventListener("keydown", moveBy);
-  map.addEventListener("keyup", remember);
+  map.addEventListener("keyup", recordUndo);
   for (const id of PLOTS) {
     const moveCursor = (i) => cursors[id] && draw[id]((cursorAt[id] = i));
     $(id).addEventListener("pointermove", (event) => cursors[id] && moveCursor(cursors[id].near(event.offsetX, event.offsetY)));
     for (const end of ["pointerleave", "blur"]) $(id).addEventListener(end, () => moveCursor(null));
     $(id).addEventListener("keydown", (event) => {
-      const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key], one = cursors[id];
-      if (!by || !one) return;
+      const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key], cursor = cursors[id];
+      if (!by || !cursor) return;
       event.preventDefault();
-      const step = one.count < 100 ? 1 : event.shiftKey ? 25 : 4;
-      moveCursor(Math.max(0, Math.min(one.count - 1, (cursorAt[id] ?? one.count >> 1) + by * step)));
+      const step = cursor.count < 100 ? 1 : event.shiftKey ? 25 : 4;
+      moveCursor(Math.max(0, Math.min(cursor.count - 1, (cursorAt[id] ?? cursor.count >> 1) + by * step)));
     });
   }
   const clicks = {
-    best: () => tune("ki_min", "ki-min", "ki ≥", 0), most: () => tune("ms_max", "ms-max", "Ms ≤", 1), rule: () => shape({ kind: design.kind, values: started(design.kind), reference: { ...begin.reference } }),
+    best: () => tune("ki_min", "ki-min", "ki ≥", 0), most: () => tune("ms_max", "ms-max", "Ms ≤", 1), rule: () => setDesign({ kind: design.kind, values: initialValues(design.kind), reference: { ...setup.reference } }),
     undo: () => goTo(past, future), redo: () => goTo(future, past), pin, copy: copyAddress,
     save: () => save("controller.toml"), script: () => save("design.py"), report: () => save("report.html"),
   };
@@ -862,9 +866,9 @@ function listen() {
   for (const id of ["axis-x", "axis-y"]) $(id).addEventListener("change", askRegion);
   $("point").addEventListener("change", () => {
     chosen = $("point").value === "" ? null : Number($("point").value);
-    questions.loop.soon();
+    requests.loop.soon();
   });
-  for (const one of document.querySelectorAll("input[name=run]")) one.addEventListener("change", draw.stop);
+  for (const button of document.querySelectorAll("input[name=run]")) button.addEventListener("change", draw.stop);
   document.addEventListener("keydown", (event) => {
     if (!(event.ctrlKey || event.metaKey) || event.target.matches("input[type=text]")) return;
     const key = event.key.toLowerCase(), forth = key === "y" || event.shiftKey;
@@ -878,21 +882,21 @@ function listen() {
 }
 
 async function start() {
-  readInks();
-  const answer = await ask("start");
-  if (!answer.kinds || begin) return answer.error ? say(answer.error) : null;
-  begin = answer;
-  design = { kind: begin.kind, values: started(begin.kind), reference: { ...begin.reference } };
-  for (const id of ["vehicle", "envelope"]) $(id).textContent = begin[id];
+  readColours();
+  const answer = await send("start");
+  if (!answer.kinds || setup) return answer.error ? notify(answer.error) : null;
+  setup = answer;
+  design = { kind: setup.kind, values: initialValues(setup.kind), reference: { ...setup.reference } };
+  for (const id of ["vehicle", "envelope"]) $(id).textContent = setup[id];
   $("ki-min").value = String(Number(((design.values.ki ?? 1) / 100).toPrecision(1)));
-  $("ms-max").value = String(begin.robust_ms);
-  for (const [name, one] of Object.entries(begin.kinds)) $("kind").append(new Option(`${name}: ${one.title}`, name));
-  for (const [rail, value] of Object.entries(begin.reference)) {
-    const one = { name: `slip-${rail}`, label: `${rail} rail`, unit: "1", meaning: `reference slip ratio on ${rail} rail`, value, most: 0.9 };
-    addNumber($("slips"), one, (slip) => (design.reference[rail] = slip));
-    fields.get(one.name).slider.disabled = fields.get(one.name).field.disabled = begin.fixed;
+  $("ms-max").value = String(setup.robust_ms);
+  for (const [name, kind] of Object.entries(setup.kinds)) $("kind").append(new Option(`${name}: ${kind.title}`, name));
+  for (const [rail, value] of Object.entries(setup.reference)) {
+    const parameter = { name: `slip-${rail}`, label: `${rail} rail`, unit: "1", meaning: `reference slip ratio on ${rail} rail`, value, most: 0.9 };
+    addNumber($("slips"), parameter, (slip) => (design.reference[rail] = slip));
+    fields.get(parameter.name).slider.disabled = fields.get(parameter.name).field.disabled = setup.fixed;
   }
-  $("fixed").hidden = !begin.fixed;
+  $("fixed").hidden = !setup.fixed;
   listen();
   return takeAddress();
 }

@@ -1,4 +1,4 @@
-"""Make matplotlib figures of records, without computing anything; only this package uses matplotlib."""
+"""Matplotlib figures of results; this package computes no results, and only it uses matplotlib."""
 
 from .designs import (
     bode_figure,

@@ -1,4 +1,4 @@
-"""Bode, Nyquist and Nichols pictures of groups of loops with exact dead time, and the pictures of design reports."""
+"""Bode, Nyquist and Nichols diagrams of groups of loops with exact dead time, and pictures of design reports."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.loop.deadtime import FrequencyCurve, GangOfFour, Loop, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.report.document import short
-from railslip_ctrl.report.export import words_at
+from railslip_ctrl.report.export import law_text_at
 from railslip_ctrl.report.plots.runs import no_lock_figure, runs_figure
 from railslip_ctrl.report.recommendation import DesignReport, GainMap, LawCurve, Responses
 from railslip_ctrl.report.stops import Stop
@@ -35,21 +35,21 @@ from . import style
 _CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
 
 _CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
-_TWO = -1 + 0.5 * _CIRCLE  # circle |1 + L| = 1/2, outside which Ms is below 2
+_TWO = -1 + 0.5 * _CIRCLE  # circle |1 + L| = 1/2; Ms is below 2 if L stays outside
 
 
 def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
-    """Draw a "bode", "nyquist" or "nichols" figure of one loop over a band, rad/s, by default that of its features."""
+    """Draw a "bode", "nyquist" or "nichols" diagram of one loop over `band`, rad/s, by default that of its features."""
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     margins, unstable = loop.margins() if loop.is_stable() else None, loop.unstable_closed_loop_poles
-    # drawn as an assessment without an operating point
+    # the diagrams need an assessment; this one has no operating point
     alone: Any = SimpleNamespace(point=None, loop=loop, margins=margins, unstable_poles=unstable)
     ends = loop.feature_band() if band is None else (float(band.min()), float(band.max()))
     return draw((ControllerGroup("", (alone,), (frequency_curve(loop, *ends),)),))
 
 
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
-    """Title with everything that identifies the figure without its report."""
+    """Title that identifies the figure without its report."""
     first: Any = groups[0].assessments[0]
     point = first.point
     if point is None:
@@ -58,19 +58,19 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
     masses = ", ".join(dict.fromkeys(f"{a.point.vehicle.mass:g}" for g in groups for a in g.assessments))
     v0 = "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     return (
-        f"{point.vehicle.name}: adhesion {words_at(point)}{v0}, slip {', '.join(slips)}, M\u00a0{masses}\u00a0kg "
-        f"(railslip_ctrl {__version__})"
+        f"{point.vehicle.name}: adhesion {law_text_at(point)}{v0}, slip {', '.join(slips)}, "
+        f"M\u00a0{masses}\u00a0kg (railslip_ctrl {__version__})"
     )
 
 
 def _new_figure(groups: tuple[ControllerGroup, ...], height: float, lines_each: int = 1) -> Figure:
-    """New figure; `height` is without the legends, inches."""
+    """New figure; `height`, inches, does not include the legends."""
     height += 0.15 * lines_each * max(len(group.assessments) for group in groups)
     return style.new_figure(height, _title(groups))
 
 
 def _column(groups: tuple[ControllerGroup, ...]) -> float:
-    """Width of a column with its axis labels, inches."""
+    """Width of a column of panels with its axis labels, inches."""
     return (style.PAGE_WIDTH - 0.3) / max(len(groups), 2)
 
 
@@ -87,7 +87,7 @@ def _lines(group: ControllerGroup) -> list[tuple[Assessment, FrequencyCurve, dic
 
 
 def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
-    """Magnitude and continuous phase of L(j omega) of every group, with gain crossovers."""
+    """Plot magnitude and continuous phase of L(j omega) for every group, with gain crossovers."""
     figure = _new_figure(groups, 4.5)
     axes = style.panels(figure, 2, len(groups), sharex="col", sharey="row")
     for column, group in enumerate(groups):
@@ -105,7 +105,7 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 
 
 def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
-    """Magnitude, continuous phase and the Nyquist curve near -1 of labelled loops (`design_report.ShownLoop`)."""
+    """Plot magnitude, continuous phase and the Nyquist curve near -1 of labelled loops (`ShownLoop`)."""
     figure = style.new_figure(3.1 + 0.15 * len(loops), title)
     magnitude, phase, near = style.panels(figure, 1, 3)[0]
     for i, shown in enumerate(loops):
@@ -118,7 +118,7 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
     for ax, label in ((magnitude, "magnitude |L| (dB)"), (phase, "phase arg L (deg)")):
         ax.set(ylabel=label, xlabel="frequency ω (rad/s)")
         style.sparse_log_ticks(ax.xaxis)
-    legend = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; the curves go on outside"
+    legend = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; curves continue outside the axes"
     style.legend_of_figure(figure, magnitude, columns=1, title=legend, title_fontsize=style.SMALL)
     return figure
 
@@ -134,7 +134,7 @@ def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, lo
 
 
 def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
-    """Draw lines at odd multiples of 180 deg, and cut the phase axis where |L| is far from 1."""
+    """Draw lines at odd multiples of 180 deg, and limit the phase axis to phases at which |L| is not far from 1."""
     low, high = _visible_phases(curves)
     ax.set_ylim(low - 20, high + 20)
     ax.yaxis.set_major_locator(MultipleLocator(90))
@@ -143,7 +143,7 @@ def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
 
 
 def _visible_phases(curves: tuple[FrequencyCurve, ...]) -> tuple[float, float]:
-    """Range of the phase, deg, while |L| is within 40 dB of 1, at most one and a half turns."""
+    """Range of the phase, deg, where |L| is within 40 dB of 1; at most 540 deg."""
     shown = np.concatenate([c.phase_deg[np.abs(c.magnitude_db) < 40] for c in curves])
     if shown.size == 0:
         shown = np.concatenate([c.phase_deg for c in curves])
@@ -157,8 +157,8 @@ def _critical(low: float, high: float) -> list[float]:
 
 
 def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
-    """L(j omega), -inf < omega < inf: the whole curve (radius compressed) and the neighbourhood of -1."""
-    beside = _column(groups) > 3.0  # inches: the legend of a loop then fits on one line
+    """Plot L(j omega) for -inf < omega < inf: whole curve (radius compressed), and neighbourhood of -1."""
+    beside = _column(groups) > 3.0  # inches; the legend of a loop then fits on one line
     side = _column(groups) - 0.55  # inches, side of the axes without their labels
     figure = _new_figure(groups, 2.3 + 2 * side, 1 if beside else 2)
     axes = style.panels(figure, 2, len(groups))
@@ -184,7 +184,7 @@ def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 
 
 def _compressed(response: Any) -> Any:
-    """Map to radius |L|/(1 + |L|): -1 is on the negative axis at radius 1/2, infinity is the rim, turns are kept."""
+    """Map the radius to |L|/(1 + |L|): -1 moves to -1/2, infinity to the rim; the phase stays."""
     return response / (1 + np.abs(response))
 
 
@@ -195,7 +195,7 @@ def _encirclements(assessment: Assessment) -> str:
 
 
 def _nyquist_line(ax: Any, response: Any, look: dict[str, Any]) -> None:
-    """Draw positive frequencies thick with arrows, negative ones thin."""
+    """Draw positive frequencies thick and with arrows, negative ones thin."""
     ax.plot(response.real, response.imag, linewidth=1.4, **look)
     ax.plot(response.real, -response.imag, linewidth=0.6, **look)
     visible = np.flatnonzero((np.abs(response.real + 1) < 2) & (np.abs(response.imag) < 1.9) & (np.abs(response) > 0.1))
@@ -215,7 +215,7 @@ def _arrow(ax: Any, tail: complex, head: complex, look: dict[str, Any]) -> None:
 
 
 def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, look: dict[str, Any]) -> None:
-    """Arc at infinity, clockwise from omega = 0- to 0+: 180 deg for each pole at the origin."""
+    """Draw the arc at infinity, clockwise from omega = 0- to 0+: 180 deg for each pole at the origin."""
     integrators = loop.integrators
     if integrators == 0:
         return
@@ -244,7 +244,7 @@ def _decorate_near(ax: Any) -> None:
 
 
 def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
-    """Magnitude against continuous phase, with the critical points and the Ms = 2 contour around them."""
+    """Plot magnitude over continuous phase, with critical points and the contour Ms = 2 around them."""
     figure = _new_figure(groups, 3.7)
     axes = style.panels(figure, 1, len(groups), sharex=True, sharey=True)
     low, high = _visible_phases(tuple(curve for group in groups for curve in group.curves))
@@ -269,13 +269,13 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 # --- pictures of designs: stabilising regions, margins along an axis, closed-loop responses, the gang of four --------
 
 
-_MS_TOP = 8.0  # end of the Ms axis: a larger Ms is almost unstable
-_KICK = 0.03  # share of the time shown in which the initial peak of a lead's command is over
+_MS_TOP = 8.0  # end of the Ms axis; with a larger Ms a loop is almost unstable
+_KICK = 0.03  # share of the time axis after which the initial peak of a command with lead is over
 _FITS = 999.0  # largest number that fits into a cell of a map
-_NARROW = 0.15  # share of the axes: a shorter contour has no label, which would cover it
-_SHORT = 4  # points: a contour with fewer has no label
-_CLEAR = 0.08  # share of the axes between a label and a side of the picture
-_SHARES = (0.2, 0.98)  # quantiles of a field between which contours are drawn
+_NARROW = 0.15  # share of the axes; a shorter contour has no label, which would cover the contour
+_SHORT = 4  # largest number of points of a contour without a label
+_CLEAR = 0.08  # least distance of a label from the sides, share of the axes
+_SHARES = (0.2, 0.98)  # quantiles of a quantity between which contours are drawn
 _ROUND = (1, 1.5, 2, 3, 5, 7)
 
 
@@ -288,7 +288,7 @@ def region_figure(
     kp_unit: str,
     ki_unit: str,
 ) -> Figure:
-    """Stabilising set of (kp, ki) with contours of worst Ms, phase margin and delay margin, and chosen gains."""
+    """Plot the stabilising set of (kp, ki) with contours of worst Ms, phase and delay margin, and chosen gains."""
     figure = style.new_figure(3.3 + 0.14 * len(chosen), title)
     axes = style.panels(figure, 1, 3, sharex=True, sharey=True)[0]
     mesh = _mesh(strips, grid)
@@ -315,7 +315,7 @@ def region_figure(
 
 
 def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
-    """Limit the axes if the region has no end."""
+    """Limit the axes if the region is unbounded."""
     cut = max((float(strip.ki_high.max()) for strip in strips if strip.ki_cut), default=None)
     if cut is not None:
         ax.set_ylim(0.0, cut)
@@ -328,10 +328,9 @@ def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Triangles over the stable points of a grid and the edge of the set, at which every margin is 0.
+    """Triangles over the stable points of a grid and the edge of the stabilising set, where every margin is 0.
 
-    A rectangular grid has steps at a slanted edge, and contours between its last points and the edge would not be
-    smooth.
+    On a rectangular grid a slanted edge has steps, and contours near the edge would not be smooth.
     """
 
     triangles: Triangulation
@@ -339,7 +338,7 @@ class _Mesh:
     edge: int
 
     def values(self, field: Any) -> Any:
-        """Values of a grid's field at the points, 0 at the edge."""
+        """Values of a quantity at the points of the mesh, 0 at the edge."""
         return np.concatenate([field[self.inside], np.zeros(self.edge)])
 
 
@@ -351,14 +350,14 @@ def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
     polygons = [strip.polygon for strip in strips]
     corners = np.concatenate(polygons)
     cut = min((strip.ki_high.max() for strip in strips if strip.ki_cut), default=np.inf)
-    # the loop is stable at ki = 0, which bounds the drawing only
+    # ki = 0 limits only the drawing: the loop is stable there
     edge = corners[(corners[:, 1] > 0) & (corners[:, 1] < cut)]
     kp, ki = np.meshgrid(grid.kp, grid.ki, indexing="ij")
     points = np.concatenate([np.column_stack([kp[inside], ki[inside]]), edge])
     size = np.ptp(points, axis=0)
     if not (size > 0).all():
         return None
-    # Delaunay's triangles depend on the scale: use that of the picture, with axes of equal length
+    # Delaunay triangles depend on the scale; use that of the picture, whose axes have equal length
     scaled = Triangulation(*(points / size).T)
     centres = points[scaled.triangles].mean(axis=1)
     within = np.any([Path(polygon).contains_points(centres) for polygon in polygons], axis=0)
@@ -366,7 +365,7 @@ def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
 
 
 def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str], marks: Iterable[Any]) -> None:
-    """Draw contours of a field that is 0 at the edge; their numbers keep clear of `marks`."""
+    """Draw contours of a quantity that is 0 at the edge; their labels keep a distance from `marks`."""
     if mesh is None or not levels:
         return
     look = {"colors": "0.25", "linewidths": 0.8, "linestyles": "-"}
@@ -374,9 +373,9 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
     _number_contours(ax, lines, levels, marks)
 
 
-def _number_contours(ax: Any, lines: Any, words: Mapping[float, str], marks: Iterable[Any]) -> None:
-    """Put the number of each contour at the point farthest from the sides, other numbers and marks."""
-    ax.get_xlim()  # applies pending limits, so that everything drawn so far counts
+def _number_contours(ax: Any, lines: Any, labels: Mapping[float, str], marks: Iterable[Any]) -> None:
+    """Put the label of each contour at its point farthest from other labels and marks."""
+    ax.get_xlim()  # applies pending limits of the axes
     to_axes = ax.transData - ax.transAxes
     taken = [to_axes.transform(mark) for mark in marks]
     places = []
@@ -385,16 +384,16 @@ def _number_contours(ax: Any, lines: Any, words: Mapping[float, str], marks: Ite
         at = at[np.all((at > _CLEAR) & (at < 1.0 - _CLEAR), axis=1)]
         if len(at) <= _SHORT or np.ptp(at, axis=0).max() < _NARROW:
             continue
-        best = at[np.argmax(np.min([np.hypot(*(at - one).T) for one in taken] or [at[:, 1]], axis=0))]
+        best = at[np.argmax(np.min([np.hypot(*(at - other).T) for other in taken] or [at[:, 1]], axis=0))]
         taken.append(best)
         places.append(tuple(to_axes.inverted().transform(best)))
     if places:
-        ax.clabel(lines, fmt=words, fontsize=style.SMALL, manual=places, inline_spacing=2)
+        ax.clabel(lines, fmt=labels, fontsize=style.SMALL, manual=places, inline_spacing=2)
 
 
 def _round_levels(values: Any) -> dict[float, str]:
-    """Round levels between two quantiles of a field, which leave out its flat parts."""
-    finite = values[np.isfinite(values)]  # a margin without a crossover is infinite
+    """Round contour levels between two quantiles of a quantity, so that flat parts have no contours."""
+    finite = values[np.isfinite(values)]  # without a crossover a margin is infinite
     if not (finite.size and finite.max() > 0):
         return {}
     low, high = np.quantile(finite, _SHARES)
@@ -410,9 +409,9 @@ def _ms_levels(ms: Any) -> list[float]:
 
 
 def sweep_figure(sweeps: Sequence[MarginSweep], *, title: str) -> Figure:
-    """Ms, phase margin, delay margin and rightmost plant pole along each sweep; unstable loops leave a gap."""
+    """Plot Ms, phase margin, delay margin and rightmost plant pole along each sweep; unstable loops leave a gap."""
     figure = style.new_figure(7.2, title)
-    # sweeps over speed and over slip have poles of different size and get their own axes; two rails share the axes
+    # sweeps over speed and over slip have separate axes, because their poles differ in size; two rails share the axes
     alike = len({sweep.axis for sweep in sweeps}) == 1
     axes = style.panels(figure, 4, len(sweeps), sharex="col", sharey="row" if alike else False)
     for column, sweep in enumerate(sweeps):
@@ -450,7 +449,7 @@ def response_figure(
     reference_label: str,
     load_label: str,
 ) -> Figure:
-    """Output and control of named designs after a reference step and a load step, with exact dead time."""
+    """Plot output and control of named designs after a reference step and a load step, with exact dead time."""
     figure = style.new_figure(4.4, title)
     axes = style.panels(figure, 2, 2, sharex="col")
     for column, (responses, label) in enumerate(((reference, reference_label), (load, load_label))):
@@ -469,25 +468,25 @@ def response_figure(
 
 
 def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
-    """Limit the axis of a command whose initial peak is far from its later values, and print the peak."""
+    """Limit the axis of a command whose initial peak is far from its later values, and print the peak value."""
     if not responses:
         return
     later = np.concatenate([response.control[response.time > _KICK * response.time[-1]] for response in responses])
-    control = np.concatenate([response.control for response in responses]).round(9)  # rounds 5e-15 to 0
+    control = np.concatenate([response.control for response in responses]).round(9)  # 5e-15 becomes 0
     low, high, span = float(later.min()), float(later.max()), float(np.ptp(later))
     if max(control.max() - low, high - control.min()) > 2 * span > 0:
         bottom, top = ax.set_ylim(low - 0.5 * span, high + 0.5 * span)
         ends = (("down", control.min() < bottom, control.min()), ("up", control.max() > top, control.max()))
         ranges = " and ".join(f"{way} to {short(float(end), 3)} N·m" for way, outside, end in ends if outside)
-        words = f"cut off: {ranges}"
-        ax.annotate(words, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=style.SMALL)
+        label = f"cut off: {ranges}"
+        ax.annotate(label, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=style.SMALL)
 
 
 def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figure:
-    """Magnitudes |S|, |T|, |PS| and |CS| of named designs."""
+    """Plot magnitudes |S|, |T|, |PS| and |CS| of named designs."""
     fields = {
         "s": "|S|, sensitivity (-)",
-        "ps": "|PS|, disturbance of the command to slip velocity ((m/s)/(N·m))",
+        "ps": "|PS|, command disturbance to slip velocity ((m/s)/(N·m))",
         "cs": "|CS|, noise to torque (N·m/(m/s))",
         "t": "|T|, complementary sensitivity (-)",
     }
@@ -495,18 +494,18 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
 
 
 def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float = 0.0) -> Figure:
-    """Worst Ms over speed and load, at the operating points and with tolerances, for named controllers.
+    """Plot worst Ms over speed and load, at the operating points and with tolerances, for named controllers.
 
-    A dashed line shows the end of slip control.
+    A dashed line marks `hand_over_kmh`, km/h, below which slip is not controlled.
     """
     figure = style.new_figure(0.7 + 2.6 * len(maps), title)
     axes = style.panels(figure, len(maps), 2, sharex="col")
-    for row, (name, found) in enumerate(maps.items()):
-        shown = (("at the operating points", found.operating), ("with tolerances", found.with_tolerances))
+    for row, (name, result) in enumerate(maps.items()):
+        shown = (("at the operating points", result.operating), ("with tolerances", result.with_tolerances))
         for ax, (what, worst) in zip(axes[row], shown, strict=True):
-            _grid(ax, found.speeds_kmh, found.loads, worst)
-            below = np.count_nonzero(found.speeds_kmh < hand_over_kmh * (1 - 1e-9))  # rounding of m/s to km/h
-            if 0 < below < found.speeds_kmh.size:
+            _grid(ax, result.speeds_kmh, result.loads, worst)
+            below = np.count_nonzero(result.speeds_kmh < hand_over_kmh * (1 - 1e-9))  # rounding of m/s to km/h
+            if 0 < below < result.speeds_kmh.size:
                 ax.axhline(below - 0.5, color="black", linestyle="--", linewidth=1.6)
             ax.set_title(f"{name}: worst Ms {what}".removeprefix(": "), fontsize=style.TEXT)
             ax.grid(visible=False)
@@ -517,7 +516,7 @@ def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float
 
 
 def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
-    """Draw a grid of cells with their numbers; an unstable cell is black."""
+    """Draw a grid of cells with their Ms; an unstable cell is black."""
     shown = np.where(np.isinf(worst), _MS_TOP, np.minimum(worst, _MS_TOP))
     ax.imshow(shown, cmap="Greys", vmin=1.0, vmax=_MS_TOP, aspect="auto", origin="lower")
     for i, j in np.ndindex(*worst.shape):
@@ -532,12 +531,12 @@ def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
 
 
 _MS_LEVELS = (1.5, ROBUST_MS, 3.0, 5.0, 10.0)
-_UNSTABLE = 0.02  # 1/Ms: an Ms over 50 is almost unstable
+_UNSTABLE = 0.02  # 1/Ms below which the map is grey: with Ms over 50 a loop is almost unstable
 _POINT = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 4}
 
 
 def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
-    """Functions that draw the figures by name; figures without content are left out."""
+    """Return functions that draw the figures, by name; figures without content are left out."""
     drawings: dict[str, Callable[[], Figure]] = {}
     if report.judgement is not None and report.best is not None and report.best.design is not None:
         judged, name = report.judgement, report.best.design.structure
@@ -557,48 +556,51 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
         drawings["responses"] = lambda: _responses(responses, report.control)
     drawings["adhesion"] = lambda: _adhesion(report.curves)
     shown = {
-        f"{one.stop.rail} rail, {one.stop.law}, {one.stop.load}, seed {one.stop.run.seed}": (one.region, one.found)
-        for one in report.released
-        if one.region is not None and one.found is not None
+        f"{item.stop.rail} rail, {item.stop.law}, {item.stop.load}, seed {item.stop.run.seed}": (
+            item.region,
+            item.certified,
+        )
+        for item in report.released
+        if item.region is not None and item.certified is not None
     }
     if shown:
-        title = f"{report.vehicle.name}, {report.trials[0].choice.structure}: certified no-lock region and stops in it"
+        title = f"{report.vehicle.name}, {report.trials[0].choice.structure}: certified no-lock region and stops"
         drawings["no-lock"] = lambda: no_lock_figure(shown, title=title)
     return drawings
 
 
 def _stops(stops: tuple[Stop, ...], vehicle: str, name: str) -> Figure:
-    where = {f"{one.rail} rail, {one.law}, {one.load}, seed {one.run.seed}": one.run for one in stops}
+    where = {f"{item.rail} rail, {item.law}, {item.load}, seed {item.run.seed}": item.run for item in stops}
     runs = {f"{name}: {run.braking_distance:.4g} m": run for name, run in where.items()}
     return runs_figure(runs, f"{vehicle}, {name}: the longest stop on each rail")
 
 
-def _gains(found: GainMap, vehicle: str) -> Figure:
-    figure = style.new_figure(3.6, f"{vehicle}: worst Ms of {found.points} operating points over the gains")
+def _gains(result: GainMap, vehicle: str) -> Figure:
+    figure = style.new_figure(3.6, f"{vehicle}: worst Ms of {result.points} operating points over kp and ki")
     ax = style.panels(figure)[0, 0]
     ax.set(xscale="log", yscale="log")
-    inverse = 1.0 / found.ms  # 0 if unstable, and smooth up to the edge
-    ax.contourf(found.kp, found.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
+    inverse = 1.0 / result.ms  # 0 if unstable, and continuous at the edge of stability
+    ax.contourf(result.kp, result.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
     levels = {1 / level: f"{level:.3g}" for level in _MS_LEVELS if inverse.min() < 1 / level < inverse.max()}
     if levels:
-        lines = ax.contour(found.kp, found.ki, inverse.T, levels=sorted(levels), colors="0.25", linewidths=0.9)
-        _number_contours(ax, lines, levels, [found.chosen])
-    ax.plot(*found.chosen, marker="*", markersize=11, color=style.line_style(1)["color"], linestyle="none")
+        lines = ax.contour(result.kp, result.ki, inverse.T, levels=sorted(levels), colors="0.25", linewidths=0.9)
+        _number_contours(ax, lines, levels, [result.chosen])
+    ax.plot(*result.chosen, marker="*", markersize=11, color=style.line_style(1)["color"], linestyle="none")
     for axis in (ax.xaxis, ax.yaxis):
         style.plain_log_ticks(axis)
     ax.set(xlabel="kp (N·m/(m/s)); star: recommended, grey: unstable", ylabel="ki (N·m/m)")
     return figure
 
 
-def _responses(found: Responses, control: Any) -> Figure:
-    point, name = found.point, control.system.structure
+def _responses(result: Responses, control: Any) -> Figure:
+    point, name = result.point, control.system.structure
     where = f"{point.adhesion}, {point.rail} rail, {point.speed_kmh:g} km/h, M {point.vehicle.mass:g} kg"
     return response_figure(
-        {name: found.reference},
-        {name: found.load},
-        title=f"Responses at the worst operating point ({where}); dead time exact",
+        {name: result.reference},
+        {name: result.load},
+        title=f"Responses at the worst operating point ({where}), exact dead time",
         reference_label="step of 1 km/h of the reference slip velocity",
-        load_label=f"step of {found.load_step:g} N·m of torque at the wheel",
+        load_label=f"step of {result.load_step:g} N·m of torque at the wheel",
     )
 
 
@@ -606,11 +608,11 @@ def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
     rails = list(dict.fromkeys(curve.point.rail for curve in curves))
     speeds = ", ".join(f"{v:g}" for v in dict.fromkeys(curve.point.speed_kmh for curve in curves))
     figure = style.new_figure(
-        3.6, f"Steady adhesion over slip at {speeds} km/h; circles: slip judged at, triangles: peaks"
+        3.6, f"Steady adhesion over slip at {speeds} km/h; circles: judged slips, triangles: peaks"
     )
     axes = style.panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
     for ax, rail in zip(axes, rails, strict=True):
-        for i, curve in enumerate(one for one in curves if one.point.rail is rail):
+        for i, curve in enumerate(each for each in curves if each.point.rail is rail):
             look = style.line_style(i)
             ax.plot(curve.slip, curve.coefficient, label=curve.point.adhesion, **look)
             top = curve.peak

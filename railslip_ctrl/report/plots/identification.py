@@ -1,6 +1,6 @@
 """Figures of an identification, of adhesion-torque observers, and of a test on the virtual rig.
 
-An identification has figures of mu over slip with the fitted models, of the peak over speed, and of parameters over v0.
+Figures of an identification show mu over slip with the fitted models, the peak over speed, and parameters over v0.
 """
 
 from __future__ import annotations
@@ -24,75 +24,77 @@ from railslip_ctrl.model.adhesion.base import curtius_kniffler
 
 from . import style
 
-if TYPE_CHECKING:  # it loads the simulation
+if TYPE_CHECKING:  # importing it loads the simulation
     from railslip_ctrl.identification.virtual_rig import BrakeTrial
 
 
 _MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minimum"))
-_MODELS_SHOWN = 4
+_MODELS_SHOWN = 4  # largest number of models in a figure
 
 
-def adhesion_figure(found: Sequence[Identification]) -> Figure:
+def adhesion_figure(result: Sequence[Identification]) -> Figure:
     """Plot mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
-    columns = min(len(found), 2)
-    title = f"Adhesion coefficient over slip: {found[0].vehicle.name}, {found[0].setting.rail} rail"
-    figure, axes = style.grid_of(len(found), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
-    bottom = min(0.0, *(float(each.curve.bins.least.min()) for each in found))
-    for ax, each in zip(axes, found, strict=True):
+    columns = min(len(result), 2)
+    title = f"Adhesion coefficient over slip: {result[0].vehicle.name}, {result[0].setting.rail} rail"
+    figure, axes = style.grid_of(len(result), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
+    bottom = min(0.0, *(float(each.curve.bins.least.min()) for each in result))
+    for ax, each in zip(axes, result, strict=True):
         _adhesion(ax, each, columns)
     for ax in axes[::columns]:
         ax.set_ylabel("adhesion coefficient μ (-)")
-    axes[0].set_ylim(bottom=bottom - (0.03 * axes[0].dataLim.ymax if bottom < 0 else 0.0))  # a mark is seen whole
+    axes[0].set_ylim(
+        bottom=bottom - (0.03 * axes[0].dataLim.ymax if bottom < 0 else 0.0)
+    )  # room for marks at the bottom
     return figure
 
 
-def _adhesion(ax: Any, found: Identification, columns: int) -> None:
-    bins = found.curve.bins
+def _adhesion(ax: Any, result: Identification, columns: int) -> None:
+    bins = result.curve.bins
     for name, mark, label in _MARKS:
         ax.plot(bins.slip, getattr(bins, name), mark, color="0.45", markersize=4, fillstyle="none", label=label)
-    chosen = found.chosen.fit.model.name
-    errors = {score.fit.model.name: score.mean_abs_error for score in found.scores}
-    # bristles stay wound up while the slip swings: their mean over the slip follows the log, and is no smooth curve
-    along = {score.fit.model.name for score in found.scores if score.fit.followed is not None}
-    lines = sorted(found.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
+    chosen = result.chosen.fit.model.name
+    errors = {score.fit.model.name: score.mean_abs_error for score in result.scores}
+    # the bristle state lags behind the slip: the mean of mu over slip follows the log and is not a smooth curve
+    along = {score.fit.model.name for score in result.scores if score.fit.followed is not None}
+    lines = sorted(result.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
     for i, line in enumerate(lines):
         mean = "\nmean along the log's slip" if line.name in along else ""
         taken = ", chosen" if line.name == chosen else ""
         label = f"{line.name} (mean |error| {errors[line.name]:.2g}{taken}){mean}"
         ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **style.line_style(i))
-    ax.axvline(found.regimes.boundary, color="0.7", linewidth=0.8)
+    ax.axvline(result.regimes.boundary, color="0.7", linewidth=0.8)
     ax.set_xlim(left=0.0)
-    late = found.regimes.boundary > 0.7 * ax.get_xlim()[1]
+    late = result.regimes.boundary > 0.7 * ax.get_xlim()[1]
     where = {"ha": "right" if late else "left", "transform": ax.get_xaxis_transform()}
     ax.text(
-        found.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=style.SMALL, color="0.4", **where
+        result.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=style.SMALL, color="0.4", **where
     )
-    name = found.curve.name.rsplit("/", 1)[-1]
-    ax.set_title(f"{name}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=style.TEXT)
+    name = result.curve.name.rsplit("/", 1)[-1]
+    ax.set_title(f"{name}, v0 = {result.setting.initial_speed / KMH:.4g} km/h", fontsize=style.TEXT)
     ax.set_xlabel("slip ratio λ (-)")
     style.legend_below(ax, 0.16, columns=1 if columns > 1 else 2)
 
 
-def drift_figure(found: Identification) -> Figure:
+def drift_figure(result: Identification) -> Figure:
     """Plot slip and height of the peak over speed with 95 % intervals, and the reference slip, by rail condition.
 
-    Hollow marks are not from the log: the model at other initial speeds, and wet rail by rule, without intervals. The
-    height is compared with the curve of Curtius and Kniffler for locomotives on dry rail.
+    Hollow marks are not from the log: the model at other initial speeds, and on wet rail by the rule of the law, which
+    has no interval. The height is compared with the curve of Curtius and Kniffler for locomotives on dry rail.
     """
-    title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
+    title = f"Peak of {result.chosen.fit.model.name} over speed: {result.curve.name.rsplit('/', 1)[-1]}"
     figure = style.new_figure(4.2, title)
     slip, height = style.panels(figure, 1, 2)[0]
-    for rail in dict.fromkeys(peak.rail for peak in found.peaks):
-        _drift(slip, height, [peak for peak in found.peaks if peak.rail is rail])
-    shown = [peak.speed / KMH for peak in found.peaks]
+    for rail in dict.fromkeys(peak.rail for peak in result.peaks):
+        _drift(slip, height, [peak for peak in result.peaks if peak.rail is rail])
+    shown = [peak.speed / KMH for peak in result.peaks]
     speeds = np.linspace(min(shown), max(shown), 50)
     height.plot(speeds, curtius_kniffler(speeds * KMH), ":", color="0.4", label="Curtius-Kniffler, dry rail")
     slip.set_ylabel("slip ratio λ (-)")
     height.set_ylabel("highest adhesion coefficient μ (-)")
     for ax in (slip, height):
         ax.set_xlabel("train speed (km/h)")
-    for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may go beyond any slip
-        if math.isfinite(ax.dataLim.ymax):  # a model without a peak has none to show
+    for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may exceed slip 1
+        if math.isfinite(ax.dataLim.ymax):  # not so for a model without a peak
             ax.set_ylim(0.0, min(1.08 * ax.dataLim.ymax, most))
         style.legend_below(ax, 0.17)
     return figure
@@ -108,7 +110,7 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
     )
     speed = speed / KMH
     _peaks(slip, (speed, values, ends), peaks, f"peak, {where}", look)
-    size = 9.0 if peaks[0].by_rule else 5.0  # a rule may leave the slip as it is: each mark is seen about the other
+    size = 9.0 if peaks[0].by_rule else 5.0  # a larger mark remains visible if the rule does not change the slip
     mark = {"marker": "s", "linestyle": "", "fillstyle": "none", "markersize": size, "color": look["color"]}
     slip.plot(speed, reference, label=f"reference, {where}", **mark)
     _peaks(height, (speed, mu, mu_ends), peaks, where, look)
@@ -124,43 +126,43 @@ def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label
     beyond = np.array([peak.extrapolated for peak in peaks])
     for at, fill, suffix in ((~beyond, "full", "95 %"), (beyond, "none", "95 %, extrapolated")):
         if at.any():
-            bars = np.nan_to_num(np.abs(ends[at].T - values[at]), posinf=0.0)  # an open end has no bar
+            bars = np.nan_to_num(np.abs(ends[at].T - values[at]), posinf=0.0)  # an infinite end has no bar
             marks = {"fmt": "o", "capsize": 3.0, "markersize": 4.5, "fillstyle": fill, "color": look["color"]}
             ax.errorbar(speed[at], values[at], bars, label=f"{label}, {suffix}", **marks)
 
 
-def braking_figure(found: Identification) -> Figure:
+def braking_figure(result: Identification) -> Figure:
     """Plot the log's longest braking over time: speeds, brake torque, observed adhesion torque and slip."""
-    run = time_history_of(found.curve.record, found.vehicle, found.curve.time_constant)
-    figure = style.new_figure(5.6, f"Longest braking of {found.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
+    run = time_history_of(result.curve.record, result.vehicle, result.curve.time_constant)
+    figure = style.new_figure(5.6, f"Longest braking of {result.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
     speed, torque, slip = style.panels(figure, 3, 1, sharex=True)[:, 0]
     if run is not None:
         speed.plot(run.time, run.train_speed / KMH, label="train", **style.line_style(0))
-        speed.plot(run.time, run.wheel_speed / KMH, label="wheel's circumference", **style.line_style(1))
+        speed.plot(run.time, run.wheel_speed / KMH, label="wheel rim", **style.line_style(1))
         torque.plot(run.time, run.brake_torque / 1e3, label="brake torque", **style.line_style(0))
-        label = f"adhesion torque observed, τ = {found.curve.time_constant:.3g} s"
+        label = f"adhesion torque observed, τ = {result.curve.time_constant:.3g} s"
         torque.plot(run.time, run.adhesion_torque / 1e3, label=label, **style.line_style(1))
         slip.plot(run.time, run.slip, **style.line_style(0))
         for ax in (speed, torque):
             ax.legend(fontsize=style.SMALL)
     speed.set_ylabel("speed (km/h)")
     torque.set_ylabel("torque at the\nwheel (kN·m)")
-    slip.set(ylabel="slip ratio λ (-)", xlabel="time from the brake's application (s)")
+    slip.set(ylabel="slip ratio λ (-)", xlabel="time since the brake was applied (s)")
     return figure
 
 
 def coefficients_figure(
-    found: LogSeries, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
+    result: LogSeries, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
 ) -> Figure:
     """Plot each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
 
-    `beside` is a label and a function for other values of all parameters at a speed in km/h, for a second line.
+    - beside: label, and function of the speed, km/h, that returns other values of all parameters, for a second line.
     """
-    count, first = len(found.polynomials), found.logs[0].chosen.fit
+    count, first = len(result.polynomials), result.logs[0].chosen.fit
     title = f"Parameters of {first.model.name} over the initial speed v0"
     figure, axes = style.grid_of(count, min(count, 3), title, (0.8, 2.3))
-    for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=True)):
-        intervals = np.array([each.chosen.fit.parameters[k].interval for each in found.logs]).T
+    for k, (ax, p) in enumerate(zip(axes, result.polynomials, strict=True)):
+        intervals = np.array([each.chosen.fit.parameters[k].interval for each in result.logs]).T
         reach = np.nan_to_num(np.maximum(np.abs(intervals - p.values), 0.0))
         ax.errorbar(p.speeds_kmh, p.values, reach, fmt="o", color="black", capsize=3, markersize=4, label="fit, 99 %")
         speeds = np.linspace(p.speeds_kmh.min(), p.speeds_kmh.max(), 100)
@@ -179,7 +181,7 @@ def coefficients_figure(
 def estimates_figure(
     trial: BrakeTrial, time: Floats, estimates: Mapping[str, Floats], errors: Mapping[str, Floats], *, title: str
 ) -> Figure:
-    """Plot a brake trial: true speeds and torques, the estimates at `time` (s), and the error (N*m) of each."""
+    """Plot a brake trial: true speeds and torques, estimates at `time`, s, and their errors, N*m."""
     figure = style.new_figure(4.2 + 1.1 * len(estimates), title)
     axes = style.panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[
         :, 0
@@ -192,7 +194,7 @@ def estimates_figure(
     dashed = {"color": "black", "linestyle": "--", "linewidth": 1.0}
     axes[1].plot(trial.time, trial.brake_torque / 1e3, label="brake torque, true", **dashed)
     for i, (name, estimate) in enumerate(estimates.items()):
-        color = str(max(0.75 - 0.2 * i, 0.2))  # the noisier ones come first and are the lighter
+        color = str(max(0.75 - 0.2 * i, 0.2))  # noisier estimates come first and are lighter
         axes[1].plot(time, estimate / 1e3, linewidth=0.7, label=name, color=color)
         axes[2 + i].plot(time, errors[name] / 1e3, linewidth=0.7, color="black")
         axes[2 + i].set_ylabel(f"{name}:\nerror (kN·m)")
@@ -205,7 +207,7 @@ def estimates_figure(
 
 
 def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, title: str) -> Figure:
-    """Plot the magnitudes from true adhesion torque, brake torque and sensor noise to the estimate."""
+    """Plot the gain from true adhesion torque, brake torque and sensor noise to the estimate over frequency."""
     fields = {
         "adhesion": "from the adhesion torque (N·m per N·m)",
         "brake": "from the brake torque (N·m per N·m)",

@@ -12,13 +12,13 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion.bristle import REFERENCE
 from railslip_ctrl.paper.printed import TABLE5
 from railslip_ctrl.paper.tables import QUANTITIES, ModelCurve, Table5
-from railslip_ctrl.report.reproduction import QUANTITY_WORDS
+from railslip_ctrl.report.reproduction import QUANTITY_NAMES
 from railslip_ctrl.simulation import Run
 
 from . import style
 from .runs import recorded
 
-# two noisy lines told apart in grey: light under dark
+# style of two noisy lines: light below dark, so that they differ in grey print
 _PAIR = ({"color": "0.62", "linewidth": 0.9}, {"color": "black", "linewidth": 0.7})
 _PAIR_OF_REFERENCES = ({"color": "0.45", "linestyle": "--"}, {"color": "black", "linestyle": ":"})
 _LAWS = {"beam": "beam", "curve": "bristle, along a slip ramp", "bristle": "bristle, at rest"}
@@ -26,12 +26,12 @@ _SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle at rest"}
 
 
 def model_figures(curves: Sequence[ModelCurve]) -> dict[str, Figure]:
-    """Return Fig. 13, and Figs. 14 with 15 (dry, by initial speed), by file name."""
+    """Return Fig. 13, and Figs. 14 and 15 in one (dry rail, by initial speed), by file name."""
     return {"fig_13": _models_by_speed(curves), "figs_14_15": _speeds_by_model(curves)}
 
 
 def run_figures(runs: Mapping[str, Run]) -> dict[str, Figure]:
-    """Return Figs. 18 to 21 of the four columns' recorded runs, by file name."""
+    """Return Figs. 18 to 21 with recorded runs of the four columns of Table 5, by file name."""
     return {
         "fig_18": _speeds(18, {name: run for name, run in runs.items() if name.startswith("PI")}),
         "fig_19": _speeds(19, {name: run for name, run in runs.items() if name.startswith("ASMC")}),
@@ -67,7 +67,7 @@ def _speeds_by_model(curves: Sequence[ModelCurve]) -> Figure:
         chosen = [curve for curve in curves if curve.law == law]
         for i, curve in enumerate(chosen):
             ax.plot(curve.slip, curve.coefficient, label=f"{curve.initial_speed_kmh:g} km/h", **style.line_style(i))
-        for curve in chosen:  # last, so that the legend keeps the speeds together
+        for curve in chosen:  # last, so that the speeds are adjacent in the legend
             if curve.reference is not None:
                 label = f"reference {curve.reference:g} for {curve.initial_speed_kmh:g} km/h"
                 ax.axvline(curve.reference, color="0.5", linewidth=0.8, label=label)
@@ -95,7 +95,7 @@ def wet_and_dry_figure(curves: Sequence[ModelCurve]) -> Figure:
             )  # fmt: skip
     ax.plot([], [], color="0.4", linewidth=0.8, label="vertical: published reference slips")
     _adhesion_axes(ax)
-    ax.set_ylim(0.0, 1.4 * max(curve.peak.coefficient for curve in curves))  # the references' names stand above
+    ax.set_ylim(0.0, 1.4 * max(curve.peak.coefficient for curve in curves))  # room for the labels of the references
     style.legend_below(ax, 0.14, columns=2)
     return figure
 
@@ -153,7 +153,7 @@ def _slips(runs: Mapping[str, Run]) -> Figure:
 def _by_controller(
     figure: Figure, runs: Mapping[str, Run], label: str, draw: Callable[[Any, int, str, Run], None]
 ) -> Figure:
-    """Draw a panel for each kind of controller; `draw` gets the index of the run in its panel."""
+    """Draw a panel for each kind of controller; `draw` receives the index of the run in its panel."""
     kinds = list(dict.fromkeys(name.split()[0] for name in runs))
     axes = style.panels(figure, len(kinds), sharex=True, sharey=True)[:, 0]
     for ax, kind in zip(axes, kinds, strict=True):
@@ -187,10 +187,10 @@ def deviations_figure(comparison: Table5) -> Figure:
         groups.setdefault(quantity, []).append((column, row.deviation_percent, error))
     figure = style.new_figure(3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
     ax = style.panels(figure)[0, 0]
-    for i, (quantity, found) in enumerate(groups.items()):
-        names, deviations, errors = zip(*found, strict=True)
+    for i, (quantity, points) in enumerate(groups.items()):
+        names, deviations, errors = zip(*points, strict=True)
         places = np.arange(len(names)) + 0.16 * (i - 1.5)
-        marks = {"label": QUANTITY_WORDS[quantity].split(", ")[0], "markersize": 4.5, "capsize": 3}
+        marks = {"label": QUANTITY_NAMES[quantity].split(", ")[0], "markersize": 4.5, "capsize": 3}
         ax.errorbar(places, deviations, yerr=2 * np.array(errors), **marks, **style.mark_style(i))
     ax.set_xticks(range(len(names)), names)
     ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)

@@ -22,7 +22,7 @@ from railslip_ctrl.simulation.run import events_log
 
 from . import style
 
-if TYPE_CHECKING:  # it loads SymPy
+if TYPE_CHECKING:  # importing it loads SymPy
     from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
     from railslip_ctrl.verification.verdict import NoLock, ReleasedRun
 
@@ -31,8 +31,8 @@ _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 
 
 def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
-    """Plot braking distance and mean slip error of every controller by scenario, with the bound as a line."""
-    seeds = ", ".join(dict.fromkeys(f"{len(one.seeds)}" for one in comparisons))
+    """Plot braking distance and mean slip error of every controller by scenario, with the bound of the distance."""
+    seeds = ", ".join(dict.fromkeys(f"{len(item.seeds)}" for item in comparisons))
     title = f"Braking distance and slip error, means over {seeds} seeds"
     figure = style.new_figure(0.4 + 2.7 * len(comparisons), title)
     for axes, comparison in zip(style.panels(figure, len(comparisons), 2), comparisons, strict=True):
@@ -40,16 +40,16 @@ def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
         distance, error = axes
         places = range(len(names))
         means = [row.braking_distance for row in comparison.rows]
-        bars = distance.barh(places, [one.value for one in means], xerr=[one.error for one in means], **_BAR)
+        bars = distance.barh(places, [item.value for item in means], xerr=[item.error for item in means], **_BAR)
         few = ("" if row.stopped == row.runs else f" ({row.stopped} of {row.runs})" for row in comparison.rows)
-        met = [f"{mean.value:.0f}{told}" for mean, told in zip(means, few, strict=True)]
+        met = [f"{mean.value:.0f}{text}" for mean, text in zip(means, few, strict=True)]
         distance.bar_label(bars, met, padding=3, fontsize=style.SMALL)
         bound = comparison.bound.braking_distance
         distance.axvline(bound, color="black", linestyle="--")
         distance.set_xlabel(f"braking distance (m)\ndashed: no controller below {bound:.0f} m")
         errors = [row.slip_error.value for row in comparison.rows]
         bars = error.barh(places, errors, **_BAR)
-        error.bar_label(bars, [f"{one:.3f}" for one in errors], padding=3, fontsize=style.SMALL)
+        error.bar_label(bars, [f"{value:.3f}" for value in errors], padding=3, fontsize=style.SMALL)
         error.set_xlabel("mean |slip − reference| (-)")
         distance.set_title(f"{comparison.scenario.name}, inertia scale {comparison.scenario.vehicle.inertia_scale:g}")
         distance.title.set_fontsize(style.TEXT)
@@ -65,12 +65,12 @@ def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
 # --- pictures of a braking run ---------------------------------------------------------------------------------------
 
 
-_ENOUGH_TORQUE = 1.15  # of the highest acting torque; a command far above it is cut off in the picture
-_ENOUGH_SLIP = 1.3  # of the slip that is passed for a thousandth of the time, or of the reference
+_ENOUGH_TORQUE = 1.15  # top of the torque axis over the highest acting torque; a higher command is clipped
+_ENOUGH_SLIP = 1.3  # top of the slip axis over the larger of reference slip and 99.9 % quantile of the slip
 
 
 def simulation_figure(run: Run) -> Figure:
-    """Plot speeds, slip with its reference, commanded and acting torque, and adhesion over time.
+    """Plot speeds, slip with its reference, commanded and acting torque, and adhesion coefficient over time.
 
     Needs `run.signals`. A vertical line marks each event that occurred.
     """
@@ -83,17 +83,17 @@ def simulation_figure(run: Run) -> Figure:
     adhesion = signals.adhesion_force / run.scenario.vehicle.wheel_load
     axes[3, 0].plot(signals.time, adhesion, color=style.line_style(0)["color"], linewidth=0.9)
     axes[3, 0].set_ylabel("adhesion coefficient μ (-)")
-    events = [one for one in events_log(run) if one.reached]
+    events = [item for item in events_log(run) if item.reached]
     for ax in axes.flat:
-        for one in events:
-            ax.axvline(one.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
-    told = "\n".join(("time (s)", *(f"dotted, {one.text}" for one in events)))
-    axes[3, 0].set(xlabel=style.folded(told, 0.8 * style.PAGE_WIDTH), xlim=(0.0, float(signals.time[-1])))
+        for item in events:
+            ax.axvline(item.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
+    label = "\n".join(("time (s)", *(f"dotted, {item.text}" for item in events)))
+    axes[3, 0].set(xlabel=style.folded(label, 0.8 * style.PAGE_WIDTH), xlim=(0.0, float(signals.time[-1])))
     return figure
 
 
 def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
-    """Plot speeds, slip and torque of recorded runs over time, in a column for each run with its name."""
+    """Plot speeds, slip and torque of recorded runs over time, with one column for each run."""
     figure = style.new_figure(5.2, title)
     axes = style.panels(figure, 3, len(runs), sharex="col", sharey="row")
     _draw(axes, list(runs.values()))
@@ -105,34 +105,35 @@ def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
     return figure
 
 
-def no_lock_figure(found: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: str) -> Figure:
-    """Plot certified no-lock regions: below the line of its speed a released wheel certainly does not lock.
+def no_lock_figure(result: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: str) -> Figure:
+    """Plot certified no-lock regions: below the line of a speed the wheel certainly does not lock after a release.
 
-    The run is a line of samples, with a mark at the first sample below each speed, filled if no lock is certain.
+    The run is a line of samples, with a mark at the first sample below each speed; the mark is filled if the sample is
+    certified.
     """
-    legend = "below a line a released wheel certainly does not lock; marks: the run at these speeds"
+    legend = "below a line the wheel certainly does not lock if the brake is released; marks: the run at these speeds"
     figure = style.new_figure(3.9, f"{title}; {legend}")
-    axes = style.panels(figure, 1, len(found), sharex=True, sharey=True)[0]
-    for ax, (name, (region, run)) in zip(axes, found.items(), strict=True):
-        ax.plot(run.slip, run.torque / 1e3, color="0.6", linewidth=0.7, label="run, 0.1 s between samples")
+    axes = style.panels(figure, 1, len(result), sharex=True, sharey=True)[0]
+    for ax, (name, (region, run)) in zip(axes, result.items(), strict=True):
+        ax.plot(run.slip, run.torque / 1e3, color="0.6", linewidth=0.7, label="run, samples every 0.1 s")
         lost = ~run.inside
-        ax.plot(run.slip[lost], run.torque[lost] / 1e3, "kx", markersize=3, label="sample that is not certain")
+        ax.plot(run.slip[lost], run.torque[lost] / 1e3, "kx", markersize=3, label="sample that is not certified")
         for i, (kmh, most) in enumerate(zip(region.speeds_kmh, region.torque, strict=True)):
             ax.plot(region.slips, most / 1e3, label=f"{kmh:g} km/h", **style.line_style(i))
             at = np.flatnonzero(run.speed / KMH <= kmh)[:1]
-            for j in at:  # none where the stop begins at a lower speed
+            for j in at:  # no sample if the run does not reach this speed
                 fill = "full" if run.inside[j] else "none"
                 look = {**style.mark_style(i), "markersize": 5, "fillstyle": fill}
                 ax.plot(max(run.slip[j], 0.0), run.torque[j] / 1e3, clip_on=False, zorder=4, **look)
-        ax.set_title(style.folded(name, 0.9 * style.PAGE_WIDTH / len(found)), fontsize=style.TEXT)
+        ax.set_title(style.folded(name, 0.9 * style.PAGE_WIDTH / len(result)), fontsize=style.TEXT)
         ax.set(xlabel="slip ratio λ (-)", xlim=(0.0, float(region.slips[-1])), ylim=(0.0, None))
-    axes[0].set_ylabel("acting torque, largest of the\ncoming dead time (kN·m)")
+    axes[0].set_ylabel("largest acting torque in the\nnext dead time (kN·m)")
     style.legend_of_figure(figure, axes[0], columns=3)
     return figure
 
 
 def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
-    """Draw speeds, slip and torque in rows, and runs in columns; labels of axes state if lines are clipped."""
+    """Draw speeds, slip and torque in rows, and runs in columns; axis labels state if a line is clipped."""
     slips, torques, highest = [], [1.0], [0.0]
     for (speed, slip, torque), run in zip(axes.T, runs, strict=True):
         signals = recorded(run)
@@ -172,23 +173,23 @@ def recorded(run: Run) -> Signals:
 # --- runs judged by the Lyapunov conditions ---------------------------------------------------------------------------
 
 
-_LEAST = 1e-16  # of a logarithmic axis: s = 0 exactly has no place on it
-_LINEAR = 1e-3  # below it an axis with both signs is linear
-_TICKS = 7  # of such an axis, at most
-_BLOCKS = 150  # of a run, at least: a run with noise has its spikes apart
+_LEAST = 1e-16  # least value on a logarithmic axis, where 0 cannot be drawn
+_LINEAR = 1e-3  # magnitude below which an axis with both signs is linear
+_TICKS = 7  # largest number of ticks on an axis with both signs
+_BLOCKS = 150  # least number of intervals of a run, so that spikes from noise are separate
 
 
 _Curve = tuple[str, str, bool, Callable[[Any], Floats]]
-"""Label, scale of the axis, whether the largest value of each interval is drawn, function of a run's signals."""
+"""Label, scale of the axis, true if only the largest value of each interval is drawn, function of the signals."""
 
 
 def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
-    """Plot s, V, s s', and the bound of (40) against K + D|s|; except for s the largest value in each interval."""
+    """Plot s, V, s s', and the bound of (40) over K + D|s|; for all but s the largest value of each interval."""
     curves: tuple[_Curve, ...] = (
         ("s (m/s)", "linear", False, lambda x: x.s),
         ("V ((m/s)²)", "log", True, lambda x: np.maximum(x.V, _LEAST)),
         ("s s' (m²/s³)", "symlog", True, lambda x: x.s * x.s_rate),
-        ("asked by (40)\n/ available (-)", "log", True, lambda x: x.asked / np.maximum(x.available, _LEAST)),
+        ("required by (40)\n/ available (-)", "log", True, lambda x: x.asked / np.maximum(x.available, _LEAST)),
     )
     figure, axes = _along_runs(cases, f"{title}\nbelow s", curves)
     axes[3].axhline(1.0, color="black", linewidth=0.6)
@@ -217,19 +218,19 @@ def _along_runs(
 ) -> tuple[Figure, NDArray[Any]]:
     """Plot curves over time, with a panel for each curve and a line for each case."""
     longest = max(float(judged.signals.time[-1]) for _, judged in cases)
-    interval = max(round(10 * longest / _BLOCKS), 1) / 10  # tenths of a second that can be seen
+    interval = max(round(10 * longest / _BLOCKS), 1) / 10  # s, a multiple of 0.1 s that is visible in the picture
     figure = style.new_figure(8.0, f"{title}: the largest in each {interval:g} s")
     axes = style.panels(figure, len(curves), sharex=True)[:, 0]
     for ax, (label, scale, largest, values) in zip(axes, curves, strict=True):
         for i, (name, judged) in enumerate(cases):
             time, line = judged.signals.time, values(judged.signals)
-            if largest:  # of each block of samples, at the block's first time
+            if largest:  # drawn at the first time of each block of samples
                 block = max(round(interval / float(np.median(np.diff(time)))), 1)
                 whole = line.size // block * block
                 time, line = time[:whole:block], line[:whole].reshape(-1, block).max(axis=1)
             ax.plot(time, line, label=name, **{**style.line_style(i), "linewidth": 0.9})
         ax.set_ylabel(label)
-        if scale == "symlog":  # logarithmic above and below zero, with as many ticks as have room
+        if scale == "symlog":  # logarithmic above and below zero
             ax.set_yscale(scale, linthresh=_LINEAR)
             ax.yaxis.get_major_locator().set_params(numticks=_TICKS)
             ax.axhline(0.0, color="black", linewidth=0.6)
@@ -243,9 +244,9 @@ def _along_runs(
 
 
 _SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
-# where a controller's label stands beside its worst run: each has its own corner, as two may lie in one place
+# position of a controller's label relative to its worst run; corners differ, because two runs may coincide
 _CORNERS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
-_LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # over marks
+_LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # white outline, so that labels over marks are legible
 
 
 def distributions_figure(summary: CampaignSummary) -> Figure | None:
@@ -255,20 +256,20 @@ def distributions_figure(summary: CampaignSummary) -> Figure | None:
     figure = style.new_figure(0.9 + 1.5 * len(_SHOWN), _title(summary))
     axes = style.panels(figure, len(_SHOWN), 2, sharex="row")
     for (density_axes, share), name in zip(axes, _SHOWN, strict=True):
-        for i, found in enumerate(summary.controllers.values()):
-            measure, scale = found.measures[name], measured(name).scale
+        for i, result in enumerate(summary.controllers.values()):
+            measure, scale = result.measures[name], measured(name).scale
             if not measure.moments.count:
-                density_axes.plot([], [], label=f"{found.name} (none)", **style.line_style(i))
+                density_axes.plot([], [], label=f"{result.name} (none)", **style.line_style(i))
                 continue
             edges, counts = measure.histogram
             shape = measure.histogram.merged()
             density = shape.counts / counts.sum() / np.diff(scale * shape.edges)
-            label = f"{found.name} ({measure.moments.count})"
+            label = f"{result.name} ({measure.moments.count})"
             density_axes.stairs(density, scale * shape.edges, label=label, **style.line_style(i))
             upto = np.concatenate([[0.0], np.cumsum(counts) / counts.sum()])
             share.plot(scale * edges, upto, **style.line_style(i))
         density_axes.set_yticks([])
-        style.plain_ticks(share, 4)  # for both, which share the axis
+        style.plain_ticks(share, 4)  # also for the other axes, which share the x axis
         for ax in (density_axes, share):
             ax.set_xlabel(_dotted(measure_head(measured(name))))
     axes[0, 0].set_title("density of runs", fontsize=style.TEXT)
@@ -286,22 +287,22 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
     if not heads or not summary.any_stopped:
         return None
     columns = 2 if len(heads) in (2, 4) else min(3, len(heads))
-    told = "rings: the worst runs of each controller, with the number of the worst"
-    figure, axes = style.grid_of(len(heads), columns, f"{_title(summary)}; {told}", (0.8, 2.5), sharey=True)
+    rings = "rings: the worst runs of each controller, with the number of the worst"
+    figure, axes = style.grid_of(len(heads), columns, f"{_title(summary)}; {rings}", (0.8, 2.5), sharey=True)
     for ax, (quantity, head) in zip(axes, heads.items(), strict=True):
-        for i, (name, found) in enumerate(summary.controllers.items()):
+        for i, (name, result) in enumerate(summary.controllers.items()):
             sample, color = summary.sample[name], style.line_style(i)["color"]
-            fill = "none" if i % 2 else "full"  # in grey, what is in marks of one size tells them apart
+            fill = "none" if i % 2 else "full"  # filled and hollow marks differ in grey print
             look = {"markersize": 2.4, "alpha": 0.6, "fillstyle": fill, "markeredgewidth": 0.6, **style.mark_style(i)}
             ax.plot(sample[quantity], measure.scale * sample[measure.name], label=name, **look)
-            for row in found.worst:
+            for row in result.worst:
                 ax.plot(row[quantity], measure.scale * row[measure.name], "o", color=color, fillstyle="none")
-            for row in found.worst[:1]:
+            for row in result.worst[:1]:
                 place, (right, up) = (row[quantity], measure.scale * row[measure.name]), _CORNERS[i % len(_CORNERS)]
                 side = {"ha": "left" if right > 0 else "right", "va": "bottom" if up > 0 else "top"}
                 letters = {"fontsize": style.SMALL, "color": color, "path_effects": _LEGIBLE}
                 ax.annotate(f"{row['run']}", place, (6 * right, 6 * up), textcoords="offset points", **side, **letters)
-        ax.margins(x=0.12, y=0.15)  # a label beside the outermost mark stays inside
+        ax.margins(x=0.12, y=0.15)  # room for labels at the outermost marks
         ax.set_xlabel(style.folded(_dotted(head), 0.9 * style.PAGE_WIDTH / columns))
     for ax in axes[::columns]:
         ax.set_ylabel(_dotted(measure_head(measure)))
@@ -315,11 +316,11 @@ def replay_figure(replayed: Replay) -> Figure:
         f"{name}: {run.outcome.value} after {run.braking_distance:.0f}\u00a0m, {run.braking_time:.1f}\u00a0s": run
         for name, run in replayed.runs.items()
     }
-    return runs_figure(runs, f"Run {replayed.number} again")
+    return runs_figure(runs, f"Run {replayed.number}, repeated")
 
 
 def _title(summary: CampaignSummary) -> str:
-    return f"{summary.runs} runs of {summary.campaign.scenario.name}; those that stopped"
+    return f"{summary.runs} runs of {summary.campaign.scenario.name}; only those that stopped"
 
 
 def _dotted(head: str) -> str:
@@ -328,9 +329,9 @@ def _dotted(head: str) -> str:
     return label if "(" in head else f"{label} (-)"
 
 
-def tail_figure(found: RareEvent | ConfidenceLevels) -> Figure:
-    """Probability of what is worse than each value, its interval, and plain Monte Carlo where that reaches."""
-    tail, figure = found.tail, style.new_figure(3.6, str(found))
+def tail_figure(result: RareEvent | ConfidenceLevels) -> Figure:
+    """Plot the probability of a worse value over the value, its interval, and plain Monte Carlo where it has runs."""
+    tail, figure = result.tail, style.new_figure(3.6, str(result))
     ax = style.panels(figure)[0, 0]
     reached = tail.value > 0.0
     x, value, low, high = (column[reached] for column in tail[:4])
@@ -341,7 +342,7 @@ def tail_figure(found: RareEvent | ConfidenceLevels) -> Figure:
     ax.errorbar(place, share, errors, label="plain Monte Carlo", markersize=3, linewidth=0.8, **style.mark_style(1))
     ax.set_yscale("log")
     ax.set_ylim(max(float(value.min(initial=1.0)), 1e-12) / 3.0, 1.5)
-    ax.set_xlabel(_dotted(headed(*found.measured)))
-    ax.set_ylabel("probability of worse (-)")
+    ax.set_xlabel(_dotted(headed(*result.measured)))
+    ax.set_ylabel("probability of a worse value (-)")
     style.legend_of_figure(figure, ax, columns=4)
     return figure

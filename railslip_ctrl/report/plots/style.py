@@ -1,4 +1,4 @@
-"""Common style of all figures: width, size of letters, line styles that can be told apart in grey, saving."""
+"""Common style of all figures: width, size of letters, line styles that differ in grey print, saving."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PAGE_WIDTH = 6.7
-"""Width of every figure in inches, the text width of an A4 page (17 cm), so that letters print at their size."""
+"""Width of every figure, inches: the text width of an A4 page (17 cm), so that letters have their size in print."""
 
 SMALL, TEXT, TITLE = 7.0, 8.0, 8.5  #: points: ticks and legends, axis labels and panel titles, the figure's title
 GRID = {"color": "0.88", "linewidth": 0.6}  #: style of grid lines
@@ -30,37 +30,37 @@ _LETTER = 0.56  # mean width of a letter relative to its height, for DejaVu Sans
 _DPI = 200  # resolution of a PNG
 _PLAIN_SPAN = 2000.0  # largest ratio of the ends of a logarithmic axis with plain numbers as ticks
 _LEAST_SPAN = (
-    1e-6  # smallest span of an axis with plain ticks, relative to its values; labels have at most eight digits
+    1e-6  # smallest span of an axis with plain ticks, relative to its values: labels have at most eight digits
 )
-_FEW = 5.0  # ratio of the ends below which a logarithmic axis has fewer than three of the ticks 1, 2, 5
-_NOTHING = 1e-9  # magnitudes up to this are rounding errors of zero and are not drawn
+_FEW = 5.0  # ratio of its ends below which a logarithmic axis has fewer than three ticks at 1, 2, 5
+_NOTHING = 1e-9  # largest magnitude that is a rounding error of zero and is not drawn
 _HANDLE = 3.6  # length of a legend's line in letters; shows two periods of the longest dash
 _LEGEND: dict[str, Any] = {"fontsize": SMALL, "frameon": False}
 
-# colours of different lightness in grey, dark enough on white; each line has its own dash too
+# colours with different lightness in grey, dark enough on white; each line also has its own dash
 _COLORS = ("#08306b", "#d9500a", "#6a3d9a", "#47a747", "#7f1d2d", "#2b7a8c")
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
 _MARKERS = "os^Dv"
 
 
 def line_style(i: int) -> dict[str, Any]:
-    """Return colour and dash of line number i; with six of each there are 36 pairs."""
+    """Return colour and dash of line number `i`; six colours and six dashes give 36 pairs."""
     count = len(_COLORS)
     return {"color": _COLORS[i % count], "linestyle": _DASHES[(i + i // count) % count]}
 
 
 def rail_style(rail: Rail) -> dict[str, Any]:
-    """Return colour and dash of a rail condition, for plots with one line of each."""
+    """Return colour and dash of a rail condition, for plots with one line per rail."""
     return line_style(list(Rail).index(rail))
 
 
 def mark_style(i: int) -> dict[str, Any]:
-    """Return colour and mark of point number i, without a line."""
+    """Return colour and marker of point number `i`, without a line."""
     return {"color": line_style(i)["color"], "marker": _MARKERS[i % len(_MARKERS)], "linestyle": "none"}
 
 
 def new_figure(height: float, title: str) -> Figure:
-    """Return a figure of the page's width, `height` in inches, without a window."""
+    """Return a figure without a window, with the width of a page and a `height` in inches."""
     figure = Figure(figsize=(PAGE_WIDTH, height), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(folded(title, PAGE_WIDTH - 0.1, TITLE), fontsize=TITLE)
@@ -68,7 +68,7 @@ def new_figure(height: float, title: str) -> Figure:
 
 
 def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> NDArray[Any]:
-    """Return axes with letters of the sizes above, shape (rows, columns); `options` are those of `Figure.subplots`."""
+    """Return axes with standard letter sizes, shape (rows, columns); `options` are those of `Figure.subplots`."""
     axes: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
         ax.tick_params(which="both", labelsize=SMALL)
@@ -82,7 +82,7 @@ def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> N
 def grid_of(
     count: int, columns: int, title: str, height: tuple[float, float], **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """Return a figure with `count` panels in `columns`; `height` has the fixed height and that of a row, inches."""
+    """Return a figure with `count` panels in `columns`; `height`: inches for title and legend, and for each row."""
     rows = -(-count // columns)
     figure = new_figure(height[0] + height[1] * rows, title)
     axes = panels(figure, rows, columns, **options).ravel()
@@ -92,7 +92,7 @@ def grid_of(
 
 
 def magnitudes_figure(records: Mapping[str, Any], fields: Mapping[str, str], title: str, height: float) -> Figure:
-    """Plot magnitudes over `omega` (rad/s) of named records; `fields` has their field names with titles."""
+    """Plot magnitudes of named records over `omega`, rad/s; `fields` has the names of their fields with titles."""
     figure, axes = grid_of(len(fields), 2, title, (0.0, height / 2), sharex=True)
     for ax, (field, label) in zip(axes, fields.items(), strict=True):
         absent = []
@@ -138,7 +138,7 @@ def legend_of_figure(figure: Figure, ax: Any, columns: int = 1, **options: Any) 
 
 
 def plain_ticks(ax: Any, most: int) -> None:
-    """Set at most `most` ticks on the x axis, with complete numbers instead of an offset.
+    """Set at most `most` ticks on the x axis, with full numbers instead of an offset.
 
     The axis spans at least a millionth of the values, so that the numbers stay short.
     """
@@ -162,13 +162,13 @@ def plain_log_ticks(axis: Any) -> None:
 
 
 def sparse_log_ticks(axis: Any) -> None:
-    """Set minor ticks only at 2 and 5 of every decade, because nine cannot be told apart in print."""
+    """Set minor ticks only at 2 and 5 of every decade, because nine ticks merge in print."""
     axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     axis.set_minor_formatter(NullFormatter())
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; the format follows the path's suffix, and the same record drawn again gives the same PNG."""
+    """Write a figure in the format of the path's suffix; the same figure gives the same file."""
     path.write_bytes(figure_bytes(figure, path.suffix.removeprefix(".")))
 
 
@@ -185,7 +185,7 @@ def figure_files(figure: Figure, forms: Sequence[str] = ("png", "svg")) -> dict[
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-    figure.set_layout_engine(None)  # with any layout engine Matplotlib draws each file twice
+    figure.set_layout_engine(None)  # with a layout engine Matplotlib would draw each file twice
     return {form: figure_bytes(figure, form) for form in forms}
 
 
