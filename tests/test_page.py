@@ -341,7 +341,7 @@ def test_the_page_loads_nothing_from_elsewhere(page):
         (b'{"design": {"kind": "pi", "values": {"kp": "1"}}}', 422, "kp: '1' is not allowed"),
         (b'{"design": {"kind": "pi", "values": {"kp": NaN}}}', 422, "kp: nan is not allowed"),
         (b'{"design": {"kind": "pi", "values": {"kp": 1e999}}}', 422, "kp: inf is not allowed"),
-        (b'{"design": {"kind": "pi", "values": {"kp": 1e300}}}', 422, r"kp: 1e\+300 is beyond any vehicle"),
+        (b'{"design": {"kind": "pi", "values": {"kp": 1e300}}}', 422, r"kp: 1e\+300 .* between 1e-12 and 1e\+12"),
         (b'{"design": {"kind": "pi", "values": {"kp": ' + b"9" * 400 + b"}}}", 422, "at most 308 digits"),
         (b'{"design": {"kind": "pi", "values": {"kp": true}}}', 422, "kp: True is not allowed"),
         (b'{"design": {"kind": "pi", "values": {"nonsense": 1}}}', 422, "nonsense: unknown key"),

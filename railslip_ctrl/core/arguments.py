@@ -98,7 +98,7 @@ def sized(name: str, value: float) -> float:
     """Return `value` if it is 0 or its magnitude is from `SMALLEST` to `LARGEST`; otherwise InputError."""
     value = number(name, value)
     if value != 0 and not SMALLEST <= abs(value) <= LARGEST:
-        raise InputError(f"{name}: {value:g} is beyond any vehicle; give a size between {SMALLEST:g} and {LARGEST:g}")
+        raise InputError(f"{name}: {value:g} is not plausible; give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
     return value
 
 

@@ -34,8 +34,8 @@ class UnstableLoopError(RailslipError, ArithmeticError):
 
     - unstable_poles: number of closed-loop poles with non-negative real part; inf for a neutral loop with infinitely
       many of them.
-    - stabilizing_gain_range: interval of loop-gain factors, ratios, that make the loop stable; of several intervals the
-      one nearest to 1 in ratio. None if no factor does.
+    - stabilizing_gain_range: interval of loop-gain factors, ratios, that make the loop stable; if several exist, the
+      interval nearest to 1 in ratio. None if no factor stabilises the loop.
     """
 
     def __init__(

@@ -30,10 +30,10 @@ def cpu_count() -> int:
 
 @contextmanager
 def processes(count: int) -> Iterator[Submit]:
-    """Pool of at most `count` processes, each started when it gets work; the context is the function that submits work.
+    """Start a pool of at most `count` processes, each when it gets work; yield the function that submits work to it.
 
     Only this process receives interruptions. The others end when this process ends, or when an exception leaves the
-    context. InputError if a script calls this while it is imported, because each process imports the script again.
+    `with` block. InputError if a script calls this while it is imported, because each process imports the script again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import current_process, get_context
@@ -98,7 +98,7 @@ def _follow() -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Delay interruptions (Ctrl-C, SIGTERM) to the end of the context; processes started in it never receive Ctrl-C."""
+    """Delay interruptions (Ctrl-C, SIGTERM) to the end of the `with` block; processes started in it get no Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():  # only the main thread receives signals
         yield
         return

@@ -93,7 +93,7 @@ def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool =
 
 
 def shown(value: object) -> str:
-    """Return `value` as short text in one line, for a message: text quoted and cut, a container only as its kind."""
+    """Return `value` as short text in one line, for a message: text quoted and shortened, a container as its kind."""
     if isinstance(value, str):
         return repr(value if len(value) <= _LONGEST_QUANTITY else value[:_LONGEST_QUANTITY] + "...")
     if isinstance(value, dict):

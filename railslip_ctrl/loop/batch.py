@@ -1,11 +1,11 @@
 """Margins of many dead-time loops at once: `DeadTimeLoop.margins()` for maps and sweeps, vectorised over loops.
 
-The method is that of the scalar engine (`crossings`, `stability`, `margins`), applied to the frequency points of all
-loops at once (`Points`). Bounds on the second derivative of ln L between two points exclude a hidden gain crossover, a
-hidden phase crossover that limits a margin, and a peak more than 0.1 % above the reported peak. Between the lowest and
-the highest point, root count and gain, phase and delay margins are therefore certain, and peaks are accurate to 0.1 %.
-These two points lie a factor 1e4 beyond every feature of the loop. The reported peaks are refined to rounding. If
-rounding or the bounds leave a decision open, the scalar engine computes the loop.
+The method is that of the scalar engine for one loop (`crossings`, `stability`, `margins`), applied to the frequency
+points of all loops at once (`Points`). Bounds on the second derivative of ln L between two points exclude a hidden gain
+crossover, a hidden phase crossover that limits a margin, and a peak more than 0.1 % above the reported peak. Between
+the lowest and the highest point, root count and gain, phase and delay margins are therefore certain, and peaks are
+accurate to 0.1 %. These two points lie a factor 1e4 beyond every pole, zero and asymptotic crossover of the loop. The
+reported peaks are refined to rounding. If rounding or the bounds leave a decision open, the scalar engine decides.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ Spans = tuple[Floats, Floats]
 #: Distance to a threshold below which the scalar engine decides; rounding is 1e-6 of it.
 DELICATE = 1e-9
 
-_NODES_PER_DECADE = 5  # enough: visible extrema are located exactly, bounds exclude or find the others
+_NODES_PER_DECADE = 5  # enough: extrema that the nodes show are located exactly, bounds exclude or find the others
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
 _REACH = 1e4  # factor from the lowest and highest feature to the outermost nodes
 _FAR, _NODES_FAR_OUT = 1e3, 2  # outer factor of `_REACH` with fewer nodes per decade: L is nearly its asymptote there
-_WIDEST = 1e24  # ratio of highest to lowest node above which a loop would slow down its whole chunk
+_WIDEST = 1e24  # ratio of highest to lowest node above which a loop would slow down all loops solved with it
 _EXTREME = 1e60  # rad/s; frequencies above it, or below its reciprocal, could overflow when squared
-_LEAST_DAMPING = 1e-7  # |Re|/|Im| below which a root is treated as on the axis
+_LEAST_DAMPING = 1e-7  # |Re|/|Im| of a complex root up to which the scalar engine computes the loop
 _PHASE_STEP = 0.5  # rad, largest change of phase over one part in the search for a peak
 _MOST_PARTS = 500  # parts of one piece in the search for a peak; the scalar engine computes loops that need more
 _MOST_HALVINGS = 6  # halvings of a piece that may hide a gain crossover; then the scalar engine computes the loop
@@ -51,7 +51,7 @@ _OF_GAIN, _OF_PEAKS = (
 )
 _PEAK_SURE = 1e-3  # largest relative excess of any peak over the reported one
 _PARTS, _MOST_ROUNDS = 4, 8  # parts of an undecided piece, and rounds of division before the scalar engine decides
-_PEAK_GAIN = 1e-10  # a piece is searched if its bound exceeds the highest value by more than this, relatively
+_PEAK_GAIN = 1e-10  # a piece is searched if its bound exceeds the highest value found by more than this, relatively
 
 
 @dataclass(frozen=True)
@@ -124,8 +124,8 @@ def batch_margins(
       cancelled by a zero still counts for stability.
     - gain: array (n,); ratio of the leading coefficients.
     - dead_time: array (n,); s, >= 0.
-    - gain_margins, peaks: if false, the gain margins, or `ms`, `mt`, `disk`, and their frequencies are NaN; this
-      halves the time.
+    - gain_margins, peaks: if `gain_margins` is false, the gain margins and their frequencies are NaN; if `peaks` is
+      false, `ms`, `mt`, `disk` and their frequencies are NaN. Either halves the time.
 
     InputError: inconsistent shapes, a loop that is not strictly proper, a number that is not finite, a negative dead
     time, or complex roots without their conjugates.
@@ -228,7 +228,7 @@ def _solve(
 
 
 def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Floats, Indices]:
-    """Smallest of the `values` of each of n rows, and its index; `default` and -1 for a row without values."""
+    """Smallest of the `values` that belong to each of n rows, and its index; `default` and -1 if a row has none."""
     order = np.lexsort((values, rows))
     present, position = np.unique(rows[order], return_index=True)
     smallest, number = np.full(n, default), np.full(n, -1)
@@ -243,7 +243,7 @@ def _where(omega: Floats, number: Indices) -> Floats:
 
 
 def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
-    """Phase and delay margins; rows of unstable loops are meaningless."""
+    """Phase and delay margins of n loops; the values of unstable loops are meaningless."""
     angle = np.mod(crossovers.phase + np.pi, 2 * np.pi)
     phase, phase_at = _extreme(np.degrees(np.minimum(angle, 2 * np.pi - angle)), crossovers.row, n, np.inf)
     delay, delay_at = _extreme(angle / crossovers.omega, crossovers.row, n, np.inf)
@@ -309,7 +309,7 @@ def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[F
     """Smallest abs ln|L| at a phase crossover with |L| > 1 (`side` 1) or |L| < 1 (-1), and its frequency, rad/s.
 
     On a piece |L| is monotone and does not cross 1. Therefore only its phase crossover nearest to the end where |L| is
-    closer to 1 can limit the gain. Pieces that cannot come below the best of the others are skipped.
+    closer to 1 can limit the gain. Pieces whose limit cannot be the smallest of their loop are skipped.
     """
     first, last = levels(points)
     size, row = points.size, points.row[:-1]
@@ -353,7 +353,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     a, b = np.array(SHAPES)[kind].T
 
     def rise(found: Points, index: Indices) -> Floats:
-        """Logarithmic slope of the response that peaks on each piece, up to a positive factor."""
+        """Slope over omega of ln|S|, ln|T| or ln|S - 1/2|, whichever has its peak on the piece, s."""
         loop = found.loop()
         slope = (b - a)[index] * (found.size_slope + 1j * found.phase_slope)
         return np.asarray((slope * loop / ((1 + loop) * (a[index] + b[index] * loop))).real)
@@ -376,7 +376,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
 
 
 def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequencies: Floats) -> None:
-    """Raise peaks (3, n), and move `omega` (3, n), to the higher ones among `values` (3, N) of the loops `rows`."""
+    """Update `peak` and its frequency `omega`, (3, n), from `values`, (3, N), at `frequencies` of the loops `rows`."""
     for best, where, value in zip(peak, omega, values, strict=True):
         before = best[rows]
         np.maximum.at(best, rows, np.where(np.isfinite(value), value, 0.0))
@@ -529,13 +529,13 @@ def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
 
 
 def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
-    """Points with equal ratios from `low` to `high`, shape (n, m), at least `per_decade` a decade."""
+    """Points with equal ratios from `low` to `high`, shape (n, m), at least `per_decade` points per decade."""
     ratio = (high / low)[:, None]
     return np.asarray(low[:, None] * ratio ** np.linspace(0.0, 1.0, int(per_decade * np.log10(ratio.max())) + 2))
 
 
 def located(loops: Loops, points: Points, at: Indices, function: Callable[[Points, Indices], Floats]) -> Points:
-    """Zeros of `function` within the pieces number `at`; it takes points and their indices into `at`."""
+    """Zeros of `function` on the pieces number `at`; `function` takes points and their indices into `at`."""
     rows, all_of_them = points.row[at], np.arange(at.size)
     omega = bracketed_roots(
         lambda x, i: function(loops.evaluate(x, rows[i]), i),
@@ -547,9 +547,9 @@ def located(loops: Loops, points: Points, at: Indices, function: Callable[[Point
 
 
 def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, Flags]:
-    """Points between which ln|L| and the phase are monotone as far as nodes show, their `bends`, and delicate loops.
+    """Points between which ln|L| and the phase are monotone as far as nodes show, their `bends`, and `delicate`.
 
-    `low` and `high`: rad/s, (n,). A loop is delicate if |L| nearly touches 1 or a gain crossover may be hidden.
+    `low` and `high`: rad/s, (n,). `delicate` is True for a loop if |L| nearly touches 1 or may hide a gain crossover.
     """
     points = _nodes(loops, low, high)
     at = points.changes(points.size_slope)

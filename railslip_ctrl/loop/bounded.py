@@ -22,7 +22,7 @@ from .deadtime import Loop, unstable_error
 from .margins import Margins, Peaks, by_distance, heights, responses, smallest_of, top_of
 
 ROUNDING = 1e-12  # bound on the rounding of ln L, many times the largest observed
-_ONE = 1e-9  # bound on |ln|L|| over an interval below which |L| counts as 1 on all of it
+_ONE = 1e-9  # if |ln|L|| is below this over a whole interval, |L| counts as 1 there and has no crossover
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
 _PEAK = 1e-6  # largest relative excess of a peak over the reported one, where two peaks are nearly equal
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
@@ -36,7 +36,8 @@ class Expansion(NamedTuple):
     - value, slope: array (n,); ln L and its derivative, s.
     - bounds: function of the half widths, (n,), rad/s. It returns the largest deviations of ln L and of ln|L| from
       their linear parts, and the largest deviation of ln L over twice the width. A deviation is inf if no bound exists.
-      The bounds on ln L also hold for complex frequencies in the disk of that radius.
+      The bounds on ln L also hold for complex frequencies, in the disk about the middle that has the interval as
+      diameter.
     """
 
     value: Complexes
@@ -188,7 +189,7 @@ class BoundedLoop(Loop):
         return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
 
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
-        """Loop-gain factors that put a pole on the stability boundary, each with its frequency, by frequency."""
+        """Loop-gain factors that put a pole on the stability boundary, each with its frequency, in this order."""
         sideways = np.where(response.real < 0, response.imag, np.nan)
         crossovers = self._roots(nodes, sideways, lambda value: value.imag)
         limits = list(zip((1 / np.abs(self.response(crossovers))).tolist(), crossovers.tolist(), strict=True))
@@ -219,7 +220,7 @@ def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
         return np.asarray(np.abs(part) * (grown - linear) - np.log1p(-np.minimum(moved, 1)) - moved)
 
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # expand 1 + L in L, or as L (1 + 1/L) in 1/L: the smaller bound holds
+        # expand 1 + L in L, or as L (1 + 1/L) in 1/L: both bounds hold, the smaller is used
         plus, plus_inverse = of_sum(loop / (1 + loop)), of_sum(1 / (1 + loop))
         minus, minus_inverse = of_sum(loop / (1 - loop)), of_sum(1 / (1 - loop))
         rests = [

@@ -1,9 +1,9 @@
-"""Certificates: stability and margins of a dead-time loop as enclosures by ball arithmetic.
+"""Certificates: proved intervals (enclosures) for the margins of a dead-time loop, by ball (interval) arithmetic.
 
 Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`crossings`). For Ms and Mt the
-frequency axis is divided into parts; on each part a bound lies below the upper end of the enclosure. The lower end is
-attained. If the controller contains delays, the solutions of |L| = 1 are not roots of a polynomial. Every enclosure
-then follows from bounds on parts of the axis (`_Delayed`).
+frequency axis is divided into parts; on each part |S| and |T| are proved to be below the upper end of the enclosure.
+The lower end is a value that they attain. If the controller contains delays, the solutions of |L| = 1 are not roots of
+a polynomial. Every enclosure then follows from bounds on parts of the axis (`_Delayed`).
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ _BITS = (80, 320, 1280, 4000)  # precisions tried, in this order
 _ABOVE = 0.4 * WIDTH  # relative distance from a peak's attained value to the upper end of its enclosure
 _BESIDE = 1e-6  # largest relative distance of a peak's frequency from its value in doubles
 _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is divided first
-_MOST_PARTS = 50_000  # parts of the axis before the next precision is tried
+_MOST_PARTS = 50_000  # largest number of parts of the axis; if it is exceeded, the next precision is tried
 _FARTHEST = arb(2) ** 1000  # rad/s; largest frequency, still a double
-_STEP_OUT = 256.0  # factor towards 0 or infinity at which an end part is divided
+_STEP_OUT = 256.0  # a part that reaches to 0 or infinity is divided this factor away from its other end
 
 
 class CertificateError(RailslipError, ArithmeticError):
@@ -62,8 +62,8 @@ class Certificate:
     - parts: number of parts of the axis on which |S| and |T| were bounded; 0 without dead time, where roots of
       polynomials give the peaks.
     - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt: enclosures of the margins of `Margins`: factors, deg, s,
-      peaks of |S| and |T|; both ends are inf for a margin without bound. The gain decrease is from 0 to 1e-9 if
-      rounding hides an integrator. None for an unstable loop.
+      peaks of |S| and |T|; both ends are inf for a margin without bound. `gain_decrease` is (0, 1e-9) if rounding of
+      the coefficients hides an integrator. None for an unstable loop.
     """
 
     stable: bool
@@ -132,7 +132,7 @@ def _narrow(ball: arb) -> Enclosure:
 
 
 def _least(balls: Iterable[arb]) -> arb:
-    """Ball that contains the least of the numbers in the balls; infinity without any."""
+    """Ball that contains the least of the numbers in the balls; infinity if no ball is given."""
     return reduce(arb.min, balls, arb.pos_inf())
 
 
@@ -141,7 +141,7 @@ def _least(balls: Iterable[arb]) -> arb:
 
 @dataclass(frozen=True)
 class _End:
-    """An end of a piece: frequency, 0 or infinity included; ln|L| as a double; arg L/pi, None for minus infinity."""
+    """Values at an end of a piece: frequency, from 0 to infinity; ln|L| as a double; arg L/pi, None for -infinity."""
 
     omega: arb
     size: float
@@ -349,7 +349,7 @@ class _Cover:
 
 
 def _towards_minus_one(first: arb | None, second: arb | None) -> arb:
-    """Largest -cos(arg L) between two phases, given over pi."""
+    """Largest -cos(arg L) between two phases, given as arg L/pi."""
     if first is None or second is None:
         return arb(1)
     lowest, highest = ((first.min(second) - 1) / 2).ceil(), ((first.max(second) - 1) / 2).floor()
@@ -366,7 +366,7 @@ def _least_square(sizes: Sequence[arb], c: arb) -> arb:
 
 
 def _between(low: _End, high: _End) -> arb:
-    """A frequency, rad/s, that divides a part."""
+    """Frequency, rad/s, at which a part of the axis is divided."""
     if not low.omega > 0:
         middle = high.omega.mid() / _STEP_OUT if high.omega.is_finite() else arb(1)
     elif not high.omega.is_finite():
@@ -385,8 +385,9 @@ def _between(low: _End, high: _End) -> arb:
 Terms = Sequence[tuple[float, Iterable[float]]]
 """Sum of polynomials times exp(-delay s): delays, s, and coefficients in descending powers of s."""
 
-_FIRST_PARTS, _LOWEST = 64, 1e-6  # parts of equal ratio, from this share of the highest frequency
-_APART = 1.5  # least ratio of |D + N| at the middle of a part to its change over half the part: it turns by < 90 deg
+# First division: number of parts with equal ratio of their ends, and lowest end as a fraction of the highest frequency
+_FIRST_PARTS, _LOWEST = 64, 1e-6
+_APART = 1.5  # least ratio of |D + N| at the middle of a part to its change over half the part; D + N turns < 90 deg
 _MOST_DELAYED = 20_000  # parts of the axis; each takes some thousand ball operations
 _HALVINGS = 8  # bisections of a bracket beyond the bits of a double
 
@@ -401,8 +402,8 @@ class _Sum:
             self.derivatives.append([(tau, one.derivative() - tau * one) for tau, one in self.derivatives[-1]])
         if any(sum((one[0] for _, one in each), fmpq(0)) != 0 for each in self.derivatives[:removed]):
             raise CertificateError(
-                f"certificate: rounding of the coefficients hides a zero removed at s = 0 (of {removed}); give exact "
-                "coefficients"
+                f"certificate: N or D does not vanish at s = 0 to order {removed}, because its coefficients are "
+                "rounded; give exact coefficients"
             )
         self._longest = max(float(delay) for delay, _ in terms)
         self._balls: dict[int, list[list[tuple[arb, acb_poly]]]] = {}
@@ -416,7 +417,7 @@ class _Sum:
         return sum((one(s) * (-tau * s).exp() for tau, one in self._balls[ctx.prec][order]), acb(0))
 
     def at(self, omega: arb) -> tuple[acb, acb]:
-        """Value at j omega, and its derivative to omega."""
+        """Value at j omega, and its derivative with respect to omega."""
         s, r = acb(0, omega), self.removed
         if omega.is_zero():
             return self._bare(s, r) / math.factorial(r), acb(0, 1) * self._bare(s, r + 1) / math.factorial(r + 1)
@@ -523,7 +524,7 @@ class _Delayed:
         return bool(num * den < 0 and abs(den) < WIDTH * abs(num))
 
     def _cover(self) -> tuple[int, int]:
-        """Closed-loop poles right of the axis, by the turns of D + N along it, and the number of parts."""
+        """Number of closed-loop poles right of the axis, from the turns of D + N along it, and number of parts."""
         end = self._end()
         edges = [arb(0), *(end * _LOWEST ** (1 - k / _FIRST_PARTS) for k in range(_FIRST_PARTS)), end]
         left, parts, turned = list(pairwise(edge.mid() for edge in edges)), 0, arb(0)
@@ -586,7 +587,7 @@ class _Delayed:
 
     def _off_negative_axis(self, low: arb, high: arb, num: _Part, den: _Part, sign: Callable[[arb, arb], int]) -> bool:
         """True if L is nowhere real and negative on a part."""
-        if low.is_zero():  # D may vanish at 0: use its direction
+        if low.is_zero():  # D may vanish at 0: use D without these zeros, which has the same direction
             den = self._direction.over(low, high)
             den = _Part(*(one * acb(0, 1) ** (self._direction.removed - self._den.removed) for one in den))
         product = num.middle * den.middle.conjugate()

@@ -1,8 +1,8 @@
 """Gain crossovers, phase crossovers and extrema of a loop L(s) = G(s) exp(-tau s).
 
 Gain crossovers and the extrema of |L| and of its phase are roots of polynomials, isolated exactly (`ExactLoop`).
-Between them |L| and the phase are monotone. The phase at the ends of a piece therefore gives the number of its phase
-crossovers; each is then refined to the last bits (`monotone_root`).
+They divide the frequency axis into pieces, on each of which |L| and the phase are monotone. The phase at both ends of a
+piece therefore gives the number of its phase crossovers; each is then refined to the last bits (`monotone_root`).
 """
 
 from __future__ import annotations
@@ -127,14 +127,14 @@ def monotone_root(
 
 # -- exact polynomials of a loop --------------------------------------------------------------------------------------
 
-# With x = omega^2, |N|^2, |D|^2 and the numerators of d|L|^2/d omega and of d(arg L)/d omega are polynomials in x, dead
-# time included. FLINT isolates their positive roots with certainty, without a grid.
+# With x = omega^2, |N|^2, |D|^2 and the numerators of d|L|^2/d omega and of d(arg L)/d omega are polynomials in x, also
+# with dead time. FLINT isolates their positive roots with certainty, without a grid.
 
 _NEWTON_STEPS = 60  # most steps, bisections included
 _NOTHING_GAINED = 1e-18  # relative increase of a peak by a step below which the search ends
-_BITS_OF_A_STEP = 50  # bits that a step adds at least if its slope is accurate to double precision
+_BITS_OF_A_STEP = 50  # bits that a Newton step adds at least if its slope is accurate to double precision
 REFINED_BITS = 160  # precision for margins that lose digits in doubles
-MOST_BITS = 4000  #: precision up to which a sign is sought; an undecided one is then taken as zero
+MOST_BITS = 4000  #: precision up to which a sign is computed; if it is still undecided, the number counts as zero
 
 GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
 """Kinds of frequencies: gain crossovers, extrema of |L|, extrema of arg L, zeros and poles of G on the axis."""
@@ -323,12 +323,12 @@ def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
 
 # -- the response and its crossovers ------------------------------------------------------------------------------
 
-# With dead time phase crossovers are infinitely many; their gains 1/|L| grow without bound beyond the last feature of a
-# strictly proper L.
+# With dead time a loop has infinitely many phase crossovers; beyond the last pole or zero of a strictly proper L their
+# gains 1/|L| grow without bound.
 SMALLEST_LISTED = 1e-2  # phase crossovers with |L| above this are listed, unless the caller gives another value
 _LISTED_ALWAYS = 20  # phase crossovers listed in any case
 _MOST_LISTED = 5_000  # phase crossovers listed on one piece
-_ROUNDING = 1e-15  # rounding of arg L/pi for each root and radian of dead time; closer to an odd number balls decide
+_ROUNDING = 1e-15  # rounding of arg L/pi per root and per radian of tau omega; nearer to an odd number balls decide
 
 
 @dataclass(frozen=True)
@@ -437,7 +437,7 @@ class Response:
 
     @cached_property
     def order_at_zero(self) -> int:
-        """Zeros minus poles at 0."""
+        """Number of zeros of G at s = 0 minus number of its poles there."""
         zeros, poles = self._listed_roots
         return zeros.count(0) - poles.count(0)
 

@@ -27,8 +27,8 @@ from .stability import RootCount, count_right_of, rightmost_poles, root_count
 if TYPE_CHECKING:
     from control import FrequencyResponseData, TransferFunction
 
-# Rounds of listing phase crossovers; each lowers the bound on |L| to the gain found. Two suffice unless one resonance
-# hides another.
+# Rounds of listing phase crossovers; each lowers the smallest |L| listed to below 1/(largest stabilising gain found).
+# Two suffice unless one resonance hides another.
 _MOST_LISTINGS = 5
 _ALL_LISTED = 1000  # unstable poles up to which every gain limit that causes them is certainly listed
 _SHARP, _MOST_SHARPENED = 1e-12, 20  # relative error above which balls refine a margin, and for how many gain limits
@@ -228,7 +228,7 @@ class Loop(ABC):
 
 
 def _system_attribute(name: str, *, delegated: bool) -> property:
-    """Attribute of python-control's systems: delegated to the frequency response, or refused with a remedy."""
+    """Attribute of python-control's systems: that of the frequency response, or an error that names a replacement."""
 
     def value(loop: Loop) -> Any:
         if not delegated:
@@ -422,7 +422,7 @@ class DeadTimeLoop(Loop):
         interval = self._range_within(self._gain_limits)
         if interval is None or self.is_stable():
             return interval
-        # a loop with even powers of s only has poles on the axis on both sides of a limit: check inside
+        # if L contains only even powers of s, poles are on the axis on both sides of a limit: check inside the interval
         low, high = interval
         inside = min(1.0, high / 2) if low == 0 else math.sqrt(low * high) if high < math.inf else 2 * low
         return interval if self.scaled(inside).is_stable() else None

@@ -39,8 +39,8 @@ _GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase cr
 class Margins:
     """Margins of a stable loop, each the distance to instability along its own direction.
 
-    - gain_increase, gain_decrease: loop-gain factors > 1 and < 1 at which stability is lost; inf and 0.0 if it never
-      is.
+    - gain_increase, gain_decrease: loop-gain factors > 1 and < 1 at which stability is lost; inf and 0.0 if no factor
+      destabilises.
     - gain_increase_frequency, gain_decrease_frequency: frequencies of the poles that then become unstable, rad/s;
       0 for a pole through the origin, inf at infinite frequency (neutral loops), NaN without a bound.
     - phase_deg, phase_frequency: smallest phase change, lag or lead, that destabilises, deg, over all gain crossovers,
@@ -229,7 +229,7 @@ def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Pea
 
 
 class _PeakSearch:
-    """Search for the peaks of |S|, |T| and |S - 1/2| with proof that no frequency has higher ones.
+    """Search for the peaks of |S|, |T| and |S - 1/2|, with a proof that they are not higher at any frequency.
 
     |S| <= M if and only if M^2 |1 + L|^2 - 1 >= 0. T and S - 1/2 have similar conditions: a margin u P + v N + w with
     P = |1 + L|^2 and N = |L|^2 must not be negative. Where |L| > 1, 1/L replaces L. Each part of the axis is divided

@@ -39,7 +39,7 @@ class QuasiPolynomial:
 
     - terms: sequence of arrays; coefficients of c_0, c_1, ... in descending powers of s, real.
     - delays: s, >= 0; one per term, 0 for c_0; a single number h stands for 0, h, 2 h, ...
-    - removed: number of zeros at s = 0 divided out of the sum: an integral over the delay is (1 - exp(-delay s))/s.
+    - removed: number of zeros at s = 0 divided out of the sum, as in the integral over a delay, (1 - exp(-delay s))/s.
 
     InputError: a coefficient that is not finite, or a delay that is negative or not finite.
     """
@@ -74,7 +74,7 @@ class QuasiPolynomial:
 
     @cached_property
     def bare(self) -> QuasiPolynomial:
-        """The sum without removed zeros."""
+        """The sum before division by s^removed."""
         return QuasiPolynomial(self.terms, self.delays)
 
     @cached_property
@@ -90,7 +90,7 @@ class QuasiPolynomial:
         return QuasiPolynomial([c[0] for c in derivative.terms], self.delays, derivative.removed)
 
     def size(self, radius: Floats | float, left: Floats | float = 0.0, least: Floats | float = 0.0) -> Floats:
-        """Bound on |F| for least <= |s| <= radius and Re s >= -left, in 1/s, of one shape."""
+        """Bound on |F| for least <= |s| <= radius and Re s >= -left; all three in 1/s, arrays of one shape."""
         if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
             with np.errstate(divide="ignore"):
                 far = np.asarray(self.bare.size(radius, left) / np.asarray(least) ** self.removed)
@@ -101,7 +101,7 @@ class QuasiPolynomial:
 
     @cached_property
     def _derivative(self) -> QuasiPolynomial:
-        """Derivative of the sum, of order `removed`."""
+        """Derivative of order `removed` of `bare`."""
         return reduce(lambda one, _: one.slope, range(self.removed), self.bare)
 
     @cached_property
@@ -122,7 +122,7 @@ class QuasiPolynomial:
 
     @property
     def undelayed(self) -> Floats:
-        """Coefficients of F without the delay."""
+        """Coefficients of the sum with all delays set to 0."""
         return reduce(lambda a, b: np.asarray(np.polyadd(a, b), dtype=float), self.terms)
 
     @property
@@ -197,7 +197,7 @@ class DelayedLoop(BoundedLoop):
     InputError: D is not of retarded type, or L does not tend to 0 at infinity.
 
     The delay margin of `margins` is added dead time in the process; the delays inside the controller do not change.
-    Phase crossovers are listed wherever |L| >= 1/200, and over the first 22 turns of the delay.
+    Phase crossovers are listed up to a frequency above which |L| < 1/200, and at least up to 22 * 2 pi/(longest delay).
     """
 
     ratio: DelayedRatio
@@ -280,7 +280,7 @@ class DelayedLoop(BoundedLoop):
             return np.asarray(n / d), np.asarray(1j * (n_slope / n - d_slope / d))
 
     def _values(self, omega: Floats) -> list[tuple[Complexes, Complexes]]:
-        """N and D at frequencies, rad/s, with their derivatives to s."""
+        """N and D at frequencies, rad/s, with their derivatives with respect to s."""
         s = 1j * omega
         return [(one(s), one.slope(s)) for one in (self.ratio.numerator, self.ratio.denominator)]
 
@@ -331,7 +331,7 @@ class DelayedLoop(BoundedLoop):
         """Frequencies, rad/s, below all features and above which |L| is certainly small."""
         num, den = self.ratio.numerator.bare, self.ratio.denominator.bare
         lead, order = abs(den.terms[0][0]), den.degree
-        # beyond `top` the highest power of D exceeds all other terms together; each of them from where it begins
+        # begin where the highest power of D exceeds each of the other terms, then raise `top` until |L| is small
         others = [(order - k, abs(x)) for c in den.terms for k, x in enumerate(c[::-1].tolist()) if k < order]
         top = max([1e-6, *((size / lead) ** (1 / below) for below, size in others)])
         while _SMALL * (2 * lead * top**order - den.size(top)) <= num.size(top):

@@ -24,7 +24,7 @@ NEAR_ORIGIN, _SERIES = 0.03, 12
 # Relative width below which an interval that may contain a zero counts as a zero on the axis.
 _NARROWEST = 1e-12
 _MOST_INTERVALS = 2_000_000  # intervals at once; functions that need more count as marginal
-_EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the first steps over the highest frequency
+_EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the first steps / highest frequency
 
 
 @dataclass(frozen=True)
@@ -72,12 +72,12 @@ class QuasiPolynomials:
 
     @cached_property
     def _derivative(self) -> QuasiPolynomials:
-        """Derivative of the sum, of order `removed`."""
+        """Derivatives of order `removed` of `_bare`."""
         return reduce(lambda one, _: one.slope(), range(self.removed), self._bare)
 
     @cached_property
     def _bare(self) -> QuasiPolynomials:
-        """The sum without removed zeros."""
+        """The sums before division by s^removed."""
         return QuasiPolynomials(self.terms, self.delays)
 
     def slope(self) -> QuasiPolynomials:
@@ -126,7 +126,7 @@ def _turn(angle: Floats) -> Complexes:
 def count_right(function: QuasiPolynomials) -> Floats:
     """Number of zeros right of the axis, NaN if some are on it, (n,).
 
-    On each interval |F| at the middle exceeds the largest possible change of F, by a bound on dF/ds.
+    On each interval a bound on dF/ds proves that F changes by less than its magnitude at the middle.
     """
     lead, order = function.terms[0][:, 0], function.terms[0].shape[1] - 1
     sizes = np.zeros((lead.size, order + 1))
@@ -148,7 +148,7 @@ def count_right(function: QuasiPolynomials) -> Floats:
 
 
 def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Complexes, Flags]:
-    """Row, frequency and F of nodes from 0 to `top`, rad/s, and True for each function that vanishes on the axis.
+    """Function number, frequency and F of nodes from 0 to `top`, rad/s; and True for each function with a zero on it.
 
     From each node to the next F turns by less than 180 deg.
     """

@@ -42,7 +42,7 @@ class Axis:
 
     @property
     def undamped(self) -> fmpq_poly:
-        """Polynomial in x whose positive roots are the roots of F on the axis."""
+        """Polynomial in x; its positive roots x = omega^2 give the roots j omega of F."""
         return self.even.gcd(self.odd)
 
     @property

@@ -118,7 +118,7 @@ def closed_loop_response(
       `Rational`. `realise(plant).b * J` is the state after an impulse J at the plant's input.
 
     InputError: a system, dead time, time, height or state that is not allowed; a last time that needs more than 200 000
-    pieces; without dead time, an algebraic loop with L(inf) = -1.
+    intervals of computation; without dead time, an algebraic loop with L(inf) = -1.
 
     The error is rounding, about 1e-12 of the largest value of the response over 200 dead times.
     """
@@ -144,10 +144,10 @@ def closed_loop_response(
 
 
 step_response = partial(closed_loop_response, reference=1.0)
-"""Response to a step of the reference, 1 high, or `reference` high (unit of y)."""
+"""Response to a step of the reference; its height is `reference`, by default 1 (unit of y)."""
 
 disturbance_response = partial(closed_loop_response, disturbance=1.0)
-"""Response to a step of the load at the plant's input, after dead time and actuator, 1 or `disturbance` high.
+"""Response to a step of the load at the plant's input, after dead time and actuator; its height is `disturbance`, or 1.
 
 For a torque at the wheel give the brake's lag as `actuator` and the wheel as `plant`.
 """
@@ -275,8 +275,8 @@ class Marcher:
         back, length = self._pieces(end)
         if not end / length < _MOST_PIECES:
             raise InputError(
-                f"time: {end:g} s is not allowed; dead time and time constants need pieces of {length:.3g} s, and at "
-                f"most {_MOST_PIECES} are computed; give a time <= {_MOST_PIECES * length:.3g} s"
+                f"time: {end:g} s is too long; for this dead time and these time constants the response is computed in "
+                f"intervals of {length:.3g} s, at most {_MOST_PIECES}; give a time <= {_MOST_PIECES * length:.3g} s"
             )
         where, inside = pieces_at(times, length)
         solution = self._solution(length)

@@ -35,8 +35,8 @@ MOST_SAMPLES = 200_000  # samples of a step response: a second or two of computi
 # rounding of |L(0)| = 1.
 _BELOW_FEATURES = 1e-5
 _CELL_RATIO = 1.5  # ratio of neighbouring frequencies in the first division of the axis
-# Weight of the phase against ln|L| in the choice of the side to halve: ln|L| excludes a box for good, the phase for
-# one turn only.
+# Weight of the phase relative to ln|L| in the choice of the side of a box to halve: ln|L| excludes a root in the box
+# for every number of turns, the phase for one number only.
 _OF_PHASE = 0.01
 _AT_ONCE = 64  # boxes examined together, those with the least dead time
 _MOST_BOXES = 20_000  # boxes examined, some seconds; a loop that needs more has |L| = 1 nearly everywhere
@@ -244,7 +244,7 @@ class SampledLoop(BoundedLoop):
         )
 
     def _run(self, count: int) -> tuple[Floats, Floats]:
-        """States of the plant at the first `count` samples, and the commands, after a 0 for those before t = 0."""
+        """States of the plant at the first `count` samples, and the commands; a 0 precedes them, for t < 0."""
         if count > MOST_SAMPLES:
             raise InputError(
                 f"time: {count} samples are not allowed; give a time <= {MOST_SAMPLES * self.period:.3g} s"
@@ -398,7 +398,7 @@ class BoxedExpansion:
     follows: Complexes
 
     def bounds(self, half: Floats, half_fraction: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """Largest ln|L| in the boxes, and largest deviations of ln L and of ln|L| from their linear parts; or inf.
+        """Largest ln|L| in the boxes, largest deviations of ln L and of ln|L| from linear; inf if unbounded.
 
         `half` and `half_fraction` are half widths, (n,). The second bound also holds for complex theta in the disk of
         radius `half`. The third is much smaller at low frequency, where a delay turns L without changing |L|.
@@ -510,7 +510,7 @@ class BoxedResponse:
 class Boxes(NamedTuple):
     """Boxes of theta and fraction: middles and half widths, turns and least dead time in periods; (n,) each.
 
-    `only`: the box counts for its present turns only, not for later ones.
+    `only`: true if the box is examined for its present number of turns only.
     """
 
     theta: Floats

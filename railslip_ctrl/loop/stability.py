@@ -4,8 +4,8 @@ The closed-loop poles are the zeros of the quasi-polynomial Q(s) = D(s) + N(s) e
 Along s = j omega the argument of Q has a closed form wherever |L| != 1. It is arg D + Arg(1 + L) for |L| < 1 and
 arg N - tau omega + Arg(1 + 1/L) for |L| > 1; both principal values are within +-90 deg. At a gain crossover the two
 forms differ by 2 pi round(arg L/2 pi). The gain crossovers and the continuous phase at them therefore decide, without a
-grid or a Pade approximation. Open-loop poles on or near the axis need no indentation, because for large |L| only N
-enters. This is the direct method of [WaltonMarshall1987] applied at one dead time.
+grid or a Pade approximation. The path need not avoid open-loop poles on or near the axis, because for large |L| the
+argument contains only N. This is the direct method of [WaltonMarshall1987] applied at one dead time.
 
 The crossovers are algebraic numbers, isolated exactly (`crossings`). If rounding of the phase could matter, balls of
 growing precision decide. With dead time some precision always suffices: exp(-j tau omega) is transcendental there
@@ -35,26 +35,29 @@ _SAME = 1e-7  # relative distance within which two computed zeros are one; a dou
 
 @dataclass(frozen=True)
 class RootCount:
-    """Number of closed-loop poles right of a line; `marginal` if some lie on the line, which count as right."""
+    """Number `right` of closed-loop poles right of a line parallel to the imaginary axis, by default the axis itself.
+
+    For a sampled loop the line is the unit circle. `marginal`: true if poles lie on the line; they count too.
+    """
 
     right: float
     marginal: bool
 
     @property
     def stable(self) -> bool:
-        """True if no pole lies right of or on the line."""
+        """True if no closed-loop pole lies on the line of the count or right of it."""
         return self.right == 0 and not self.marginal
 
 
 def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> RootCount:
-    """Count the closed-loop poles with real part > `line` (1/s) of L = G exp(-dead_time s); inf for a chain."""
+    """Count the closed-loop poles with real part > `line` (1/s) of L = G exp(-dead_time s); inf if infinite."""
     if dead_time * line < -_FARTHEST:
         return RootCount(float("inf"), False)  # exp(-tau line) would overflow
     return root_count(_moved(Response(system, dead_time), line) if line else Response(system, dead_time))
 
 
 def root_count(response: Response, *, certain: bool = False) -> RootCount:
-    """Count the closed-loop poles right of the imaginary axis; if `certain`, balls decide every phase."""
+    """Count the closed-loop poles right of the imaginary axis; if `certain`, with every phase in ball arithmetic."""
     count, marginal = _count(response, certain)
     if not marginal:
         return RootCount(count, False)

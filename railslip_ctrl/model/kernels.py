@@ -75,9 +75,9 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     return rows[1][1], rows[1][2], rows[2][1], rows[2][2]
 
 """
-# Only `run` allocates memory. All other functions are inlined into it without reference counts of arrays: three times
-# as fast, within a few per cent of the same loop in C. Python calls only `run`; wrappers for the others would take a
-# quarter of the compile time.
+# Only `run` allocates memory. All other functions are inlined into it without reference counts of arrays. A run is then
+# three times as fast, within a few per cent of the same loop in C. Python calls only `run`; wrappers for the others
+# would take a quarter of the compile time.
 COMPILED = """from numba import njit
 
 inlined = {'forceinline': True, '_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}

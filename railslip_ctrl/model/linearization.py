@@ -1,7 +1,7 @@
 """Operating points of constant slip, and the linear plant about them with the speed frozen or as a state.
 
 Braking at constant slip is not an equilibrium, because v falls. An operating point is (v, lambda, rail, law) with the
-adhesion state at rest and the brake torque at which lambda' = 0, travelling resistance included.
+adhesion state at which z' = 0 and the brake torque, travelling resistance included, at which lambda' = 0.
 """
 
 from __future__ import annotations
@@ -48,12 +48,13 @@ class OperatingPoint:
     - law, vehicle, rail: adhesion law, quarter car and rail condition of the point.
     - speed: v, m/s.
     - slip: lambda, slip ratio, 0 <= lambda < 1.
-    - adhesion_state: z at rest, m; None for a static law.
+    - adhesion_state: z in steady state (z' = 0), m; None for a static law.
     - adhesion_force: Fa, N.
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
     - gain: ratio of acting to commanded torque, times that of measured to true slip velocity; 1 without errors.
-    - residual: larger of |lambda'| and |z'| in the equations of motion over the terms that cancel in them, a ratio.
+    - residual: numerical error of lambda' = 0 and z' = 0, a ratio: the larger of |lambda'| and |z'|, each over the size
+      of the terms that cancel in it.
     """
 
     law: AdhesionLaw
@@ -109,7 +110,7 @@ def operating_point(
     rail: Rail | None = None,
     initial_speed_kmh: float | None = None,
 ) -> OperatingPoint:
-    """Compute the operating point of a law at a speed and a slip: adhesion state at rest and brake torque.
+    """Compute the operating point of a law at a speed and a slip: steady adhesion state and brake torque.
 
     - law: with parameters for the rail condition in question.
     - vehicle: quarter car, SI.
@@ -121,7 +122,7 @@ def operating_point(
     Returns speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m. InputError: an
     argument of another kind, or a published law for another wheel load. DomainError: the speed is not finite and
     positive, the slip is outside 0 <= lambda < 1, or the law is not valid at this point. KinkError: slip 0 with a
-    dynamic law, whose rest state is undefined at slip 0.
+    dynamic law, whose steady state is undefined at slip 0.
     """
     if initial_speed_kmh is not None:
         number("initial_speed_kmh", initial_speed_kmh, "km/h", gt=0)
@@ -138,7 +139,7 @@ def operating_point(
         )
     if law.has_state and sigma == 0.0:
         reasons = [kink.reason for kink in law.kinks(speed, vehicle.wheel_load) if kink.slip == 0.0]
-        reason = reasons[0] if reasons else "its rest state is undefined at slip 0"
+        reason = reasons[0] if reasons else "its steady state is undefined at slip 0"
         raise KinkError(f"slip: 0 has no operating point with adhesion {law.name!r}: {reason}")
     functions = numeric_plant(type(law))
     p = plant_parameters(law, vehicle)
@@ -148,8 +149,8 @@ def operating_point(
     residual = _residual(functions, (speed, sigma, z, torque), p)
     if not residual <= _LARGEST_RESIDUAL:
         raise DomainError(
-            f"operating point at slip {slip:g}, {speed / KMH:g} km/h: adhesion {law.name!r} is not at rest (residual "
-            f"{residual:.1e}, at most {_LARGEST_RESIDUAL:.0e}); its steady_state does not solve its state_rate"
+            f"operating point at slip {slip:g}, {speed / KMH:g} km/h: adhesion {law.name!r} is not steady (residual "
+            f"{residual:.1e}, at most {_LARGEST_RESIDUAL:.0e}); correct its steady_state, at which state_rate must be 0"
         )
     state = z if law.has_state else None
     return OperatingPoint(
@@ -243,7 +244,7 @@ def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Linea
     - vehicle: quarter car, SI.
     - speed: v, m/s, > 0.
 
-    Every braking run starts at this point. A dynamic law without damping at rest, as the railway bristle model, then
+    Every braking run starts at this point. A dynamic law without damping at slip 0, as the railway bristle model, then
     acts as a spring between wheel and rail, with poles at +-j sqrt(alpha (r^2/J + 1/M)). Only the control loop damps
     the wheel. InputError as in `operating_point`; DomainError for a speed that is not finite and positive; KinkError if
     the law has no derivative at slip 0.

@@ -94,7 +94,7 @@ def sources_hash(law: type[AdhesionLaw]) -> str:
 
 
 def adhesion_coefficient(law: AdhesionLaw, speed: float, slip: ArrayLike, wheel_load: float) -> Floats | np.float64:
-    """Adhesion coefficient mu = Fa/N with the adhesion state at rest.
+    """Adhesion coefficient mu = Fa/N in steady state (z' = 0 for a dynamic law).
 
     - law: adhesion law with its parameters.
     - speed: v, m/s, > 0.
@@ -120,7 +120,7 @@ _LOWEST_SLIP = 1e-6  # lowest slip ratio of the grid
 
 @dataclass(frozen=True)
 class Peak:
-    """Peak of an adhesion curve: slip ratio and highest adhesion coefficient at rest."""
+    """Peak of the steady-state adhesion curve: slip ratio, and adhesion coefficient there."""
 
     slip: float
     coefficient: float

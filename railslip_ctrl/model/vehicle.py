@@ -207,9 +207,9 @@ class PIGains(Record):
 class Vehicle(Record):
     """The quarter car: the part of the train that one wheelset carries and brakes ([Park2008] Fig. 2); see `PARK2008`.
 
-    `inertia_scale` multiplies mass, wheel inertia and viscous friction only: 1 is SI, 3.6 the as-published reading
-    (speeds integrated in km/h with forces in N). The equations of motion use the `effective_` values. A change of mass
-    does not change `wheel_load`.
+    `inertia_scale` multiplies mass, wheel inertia and viscous friction only: 1 is SI; 3.6 reproduces the published
+    results, for which speeds were in km/h and forces in N. The equations of motion use the `effective_` values. A
+    change of mass does not change `wheel_load`.
 
     InputError: as for any `Record`, and a loaded mass below the empty mass.
     """
