@@ -147,7 +147,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --controller pid", "did you mean 'pi'"),
     ("simulate --gains dahl", "--gains: 'dahl' is not a column of Table 4; choose beam or bristle"),
     ("simulate --controller asmc --kp 1 --ki 1", "'asmc' has no kp and ki"),
-    ("simulate --unknown-rail", "--controller: 'pi' has neither adaptation nor a model"),
+    ("simulate --unknown-rail", "--controller: 'pi' has neither adaptation nor"),
     ("simulate --adaptive --controller pi-lead", "choose 'asmc'"),
     ("simulate --seed -1", "--seed: '-1' is not allowed; give a whole number"),
     ("simulate --seed no.npz", "no.npz: no such file"),

@@ -81,7 +81,7 @@ def staged(folder: Path) -> Iterator[Path]:
 def unwritable(folder: Path, error: OSError) -> InputError:
     """Return the InputError for an output folder that cannot be written to."""
     return InputError(
-        f"out: {str(folder)!r} cannot be written to ({error.strerror or error}); make room or choose another folder"
+        f"out: {str(folder)!r} cannot be written to ({error.strerror or error}); free space or choose another folder"
     )
 
 

@@ -86,7 +86,7 @@ class Assessment:
     sampled: Margins | None = None
 
     def __str__(self) -> str:
-        return str(import_module("railslip_ctrl.report").margins_text([self]))  # a room above this one
+        return str(import_module("railslip_ctrl.report").margins_text([self]))  # a package that imports this one
 
     @property
     def stable(self) -> bool:
@@ -244,7 +244,7 @@ def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:
 
 @dataclass(frozen=True)
 class ControllerGroup:
-    """Assessments and frequency responses of one controller at every operating point, in one reading of the units."""
+    """Assessments and frequency responses of one controller at every operating point."""
 
     title: str
     assessments: tuple[Assessment, ...]

@@ -1,10 +1,10 @@
 """Controllers by name for a vehicle: those of [Park2008] Table 4, and this project's own.
 
-The project's own controllers hold the reference slip without knowing the adhesion curve. `design.tuning` found their
+The project's own controllers hold the reference slip without using the adhesion curve. `design.tuning` found their
 gains over `design_points`: the largest ki with Ms <= `MS_MAX` and a lead that cancels the brake's lag. The gains of the
-published vehicle are stored here in both readings of the units, and a test tunes them again. The gains of any other
-vehicle are tuned on request. By default every controller is sampled at each step of the scenario, because [Park2008]
-states no sampling period. All controllers use the backward difference, with which their numbers were computed.
+published vehicle are stored here for SI and for the as-published inertia scale 3.6, and a test tunes them again. The
+gains of any other vehicle are tuned on request. By default every controller is sampled at each step of the scenario,
+because [Park2008] states no sampling period. All controllers use the backward difference, as their stored results do.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def published_controller(
     reference: ReferenceSlip | None = None,
     period: float | None = None,
 ) -> PI | Sliding:
-    """Return a controller of [Park2008] Table 4, SI, in the reading that reproduces Table 5.
+    """Return a controller of [Park2008] Table 4, SI, with the units of its gains that reproduce Table 5.
 
     PI: the column's gains, without limits or anti-windup. ASMC: law (45) with D and K added as torque, rho per second,
     Ta from the plant's adhesion law at the measured slip, Mn the empty mass, without adaptation.
@@ -71,7 +71,7 @@ def published_controller(
     - column: {"beam", "bristle"}; column of Table 4 with gains and reference slip (beam 0.119 dry, 0.059 wet; bristle
       0.132, 0.092).
     - knows_rail: for the ASMC, whether its adhesion model follows a change of the rail; the reference always does.
-    - adaptive: for the ASMC, the printed adaptation, k = 2.1e-8 read in km/h: k1 = k, k2 = 3.6^2 k.
+    - adaptive: for the ASMC, whether to use the printed adaptation; its k = 2.1e-8 for km/h gives k1 = k, k2 = 3.6^2 k.
     - reference: reference slip; by default that of the column.
     - period: sampling period, s; by default every step of the scenario.
 
@@ -80,7 +80,10 @@ def published_controller(
     slips = published_reference(column) if reference is None else reference
     if kind == "pi":
         if adaptive or not knows_rail:
-            raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
+            raise InputError(
+                "controller: 'pi' has neither adaptation nor an adhesion model; leave out adaptive and knows_rail, or "
+                "choose 'asmc'"
+            )
         gains = TABLE4_PI[column]
         return PI(kp=gains.kp, ki=gains.ki, reference=slips, name="pi", period=period, anti_windup=False)
     law = published_law_gains(column, adaptive=adaptive)
@@ -147,7 +150,7 @@ def recommended_pi_lead(
     reference: ReferenceSlip | None = None,
     period: float | None = None,
 ) -> PI:
-    """Return a PI-lead with anti-windup that stops earlier than all of [Park2008] Table 5, in the paper's scenario.
+    """Return a PI-lead with anti-windup; in the paper's scenario it stops earlier than every controller of its Table 5.
 
     For the vehicle as published (default): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`. Without
     the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017; the best of Table 5 needs
@@ -278,8 +281,8 @@ def _schedule(vehicle: Vehicle) -> GainSchedule:
 def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, reference: ReferenceSlip) -> Controller:
     """Return the controller of a kind with which a design by hand begins.
 
-    Its parameters follow from the rule of the kind. For a PI this is SIMC for J/r over s, [Skogestad2003] Table 1, with
-    a lead at the brake's lag.
+    Its parameters follow from the rule of the kind. For a PI this is the SIMC rule, [Skogestad2003] Table 1, for the
+    integrating plant (r/J)/s with dead time; the time constant of a lead is the brake's lag.
 
     - kind: class of the controller.
     - at: plants to be controlled, or a linear controller to convert to a ratio of polynomials.
@@ -333,7 +336,7 @@ def tracked_reference(
     """Return the reference slips of a controller of `NAMES`; None if it has none.
 
     They are `slip`, or those of a `column` of Table 4, or those of the adhesion law. InputError if none of the three
-    exists, or if the controller does not use an argument. Messages put `dashes` before the names of arguments.
+    exists, or if the controller does not use an argument. `dashes` precede the names of arguments in messages.
     """
     if not _tracks_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):
@@ -347,8 +350,8 @@ def tracked_reference(
         return published_reference(column)
     if law.reference is None:
         raise InputError(
-            f"{dashes}slip: adhesion {law.name!r} has no reference slip; give {dashes}slip, or {dashes}gains for that "
-            "of Table 4"
+            f"{dashes}slip: adhesion {law.name!r} has no reference slip; give {dashes}slip, or {dashes}gains for the "
+            "reference slip of Table 4"
         )
     return law.reference
 
@@ -384,7 +387,8 @@ def controller_named(
         raise InputError(f"controller: {name!r} has no kp and ki; leave them out or choose {' or '.join(_LINEAR)}")
     if name != "asmc" and (adaptive or not knows_rail):
         raise InputError(
-            f"controller: {name!r} has neither adaptation nor a model of the rail to keep dry; choose 'asmc' for those"
+            f"controller: {name!r} has neither adaptation nor an adhesion model; leave out the options for them "
+            "(adaptive, unknown rail), or choose 'asmc'"
         )
     slips = reference if reference is not None or not _tracks_reference(name) else published_reference(column)
     vehicle = vehicle.empty()

@@ -52,9 +52,9 @@ from railslip_ctrl.loop.stability import RootCount
 # the number of real values there.
 
 _BITS = 128
-_STEP_OUT = 16.0  # factor between trial ends in place of 0 or infinity, until the function has its sign at the end
+_STEP_OUT = 16.0  # ratio of the trial frequencies that replace an end at 0 or infinity until f has the sign of that end
 _MOST_STEPS = 250  # largest number of trial ends
-_NOTHING = 1e-80  # |kappa| near omega = 0 below which its limit is 0 and the angle is a multiple of pi
+_NOTHING = 1e-80  # |kappa| below this, near omega = 0, counts as its limit 0; the angle is then a multiple of pi
 
 
 def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, highest: float) -> Floats:
@@ -92,7 +92,7 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
 
 
 def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]:
-    """Divide 0 < omega < `highest` at edges and jumps, rad/s; return the ends, beside a jump by one float."""
+    """Divide 0 < omega < `highest` at edges and jumps, rad/s; return the ends, those at a jump moved by one float."""
     every = np.union1d(edges, jumps)
     every = every[every < highest]
     jump = np.isin(every, jumps)
@@ -475,7 +475,7 @@ class Decomposition:
     def _unstable_from(
         self, system: Rational, factor: Callable[[float], float], highest: Callable[[float], float]
     ) -> float:
-        """Return a gain k for the module's inequality, with |L| >= |system| factor(k) up to highest(k)."""
+        """Return a gain k that the module's inequality proves unstable; |L| >= |system| factor(k) up to highest(k)."""
         needed = np.pi * (2 * self.plant.poles.size + self.plant.zeros.size + 7) / self.dead_time
         size = system.log_size(np.linspace(0.0, 1.5 * needed, 301)[1:])
         gain = float(np.exp(-np.quantile(size, 0.25)))
@@ -529,7 +529,7 @@ def _even(polynomial: fmpq_poly) -> fmpq_poly:
 
 
 def _may_rise(omega: Floats, slope: Floats, size: Floats) -> Flags:
-    """Mark frequencies at which a function with this slope, and terms of this size, may rise or be constant.
+    """Mark frequencies at which a function with the given slope, and terms of the given size, may rise or be constant.
 
     With F(s, k) the left side of the module's equation, a pole on the axis moves by ds = -dk (dF/dk)/(dF/ds). Its real
     part has the sign of -d/d omega of Im (R/A) for k = kp, and of Re (R + kp A) for k = ki.

@@ -1,4 +1,4 @@
-"""The design envelope: every operating point that a design must hold, and the tolerances around each.
+"""The design envelope: all operating points at which a design must work, and the tolerances around each.
 
 The table is in the vehicle's TOML file, or in a file of its own. Every key is optional; these are the defaults:
 
@@ -59,19 +59,19 @@ _SPEED_SHARES = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)  # default speeds over the vehicl
 _LAW_FILES = (".toml", ".py")
 _MOST_CASES = 500_000  # more cases would fill memory; the default envelope has 2592
 _FASTEST = 1000.0  # km/h, above the speed of any train and the domain of any law
-_KNIFE_EDGE = 0.05  # distance from the peak over its slip: nearer, a small change of slip changes the sign of the pole
+_KNIFE_EDGE = 0.05  # relative distance of a slip from the peak's; nearer, a small change of slip moves a pole past 0
 
 
 class Envelope(Record):
-    """Operating points that a design must hold: each list of values is combined with every other.
+    """Operating points at which a design must work: each value of a list is combined with each value of all others.
 
     Operating points are at the reference slip, with the actuator and the wheel as given. Around each, the factors of
-    `slip`, `dead_time`, `lag`, `radius` and the errors of sensors and brake are combined. With an error of a sensor or
-    of the brake, a controller holds a slip other than the measured one, unless it finds the slip by itself. A gradient
-    is a constant force and changes no loop. "loaded" is the vehicle's loaded mass and wheel load; published laws follow
-    the load, laws of files keep mu. A given `reference` replaces the reference slip of every law. A field that is not
-    given has the value of the table [envelope] in the vehicle's file, or the default. Default speeds go up to the
-    vehicle's speed limit, if it has one.
+    `slip`, `dead_time`, `lag`, `radius` and the errors of sensors and brake are combined. If the controller has a wrong
+    train speed or wheel radius, the true slip differs from the measured one, unless the controller finds the slip by
+    itself. A gradient is a constant force and changes no loop. "loaded" is the vehicle's loaded mass and wheel load.
+    A published law depends on the load; a law from a file has the same mu at every load. A given `reference` replaces
+    the reference slip of every law. A field that is not given has the value of the table [envelope] in the vehicle's
+    file, or the default. Default speeds go up to the vehicle's speed limit, if it has one.
 
     InputError: a list that is empty or too long; a value of wrong type, or not finite and positive (dead time and lag
     may be 0); an unknown law; a factor with which the reference slip would be 1 or more.
@@ -500,7 +500,7 @@ def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
         of = "" if given is not None else f" of {law.name}"
         raise InputError(
             f"slip: {max(envelope.slip):g} times the reference slip{of} on {rail} rail, {slip:.4g}, is a locked "
-            f"wheel; give factors < {1 / slip:.4g}, or less slip"
+            f"wheel; give factors < {1 / slip:.4g}, or a smaller reference slip"
         )
     if slip is None:
         raise InputError(

@@ -255,7 +255,7 @@ def judged_design(
 
 
 def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPlant]:
-    """Return the plants of the lowest speed at or above one, km/h, and of the highest: usually the hardest."""
+    """Return the plants at the lowest speed >= `from_kmh` and at the highest speed: usually the hardest to control."""
     speeds = [v for plant in plants if (v := plant.point.speed_kmh) > 0.999 * from_kmh]
     ends = min(speeds), max(speeds)
     return [plant for plant in plants if plant.point.speed_kmh in ends]
@@ -287,7 +287,7 @@ def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], 
 
 
 def _violating(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> list[LinearPlant]:
-    """Return up to `_JOINING` plants at which a design exceeds the specification, or the minimised Ms, most."""
+    """Return plants at which a design violates the specification or the minimised Ms: the `_JOINING` of largest Ms."""
     assert tuned.design is not None
     if not plants:
         return []
@@ -320,14 +320,15 @@ def _remedies(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: f
     brake, points = envelope.vehicle.actuator, envelope.points(nominal=True)
     plants, slips, delayed = operating_plants(points), common_reference(envelope, points), _with_hold(brake, period)
     lowest = _feasible_from(tuned_at, plants, delayed)
-    yield "no speed meets the specification" if lowest is None else f"it can be met from {lowest:g} km/h up"
+    met = "the specification can be met from"
+    yield "no speed meets the specification" if lowest is None else f"{met} {lowest:g} km/h up"
     for factor in _REMEDY_FACTORS:
         if slips is None:
             break
         less = envelope.at(reference=ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet))
         lowest = _feasible_from(tuned_at, operating_plants(less.points(nominal=True)), delayed)
         if lowest is not None:
-            yield f"with {factor:g} of the reference slip it can be met from {lowest:g} km/h up"
+            yield f"with {factor:g} of the reference slip {met} {lowest:g} km/h up"
             break
     for factor in _REMEDY_FACTORS:
         faster = Actuator(dead_time=factor * brake.dead_time, lag=factor * brake.lag)
@@ -335,7 +336,7 @@ def _remedies(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: f
         lowest = _feasible_from(partial(tuned_at, actuator=delayed), plants, delayed)
         if lowest is not None:
             brake_text = f"dead time {faster.dead_time:.3g} s and lag {faster.lag:.3g} s"
-            yield f"with {brake_text} it can be met from {lowest:g} km/h up"
+            yield f"with {brake_text} {met} {lowest:g} km/h up"
             break
 
 
@@ -369,8 +370,8 @@ REACH_SHARE = 0.5
 
 _INTEGRAL_TIMES = 64.0 * 2.0 ** -np.array(
     [0, 2, 3, 4, 4.5, 5, 5.5, 6, 6.5, 7, 8]
-)  # integral times that are tried, over dead time plus lag, slowest first
-_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # positions in an interval of gains, on a log scale, tried for other cases
+)  # integral times that are tried, relative to dead time plus lag, longest first
+_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # positions in the known interval of gains, on a log scale, tried for other cases
 _GAINS = 16  # number of gains of an interval, in equal ratios, at which Ms is computed
 _INSIDE = 0.02  # share of an interval, on a log scale, left out at its ends, where gains are not stable
 _WIDEST = 100.0  # largest ratio of the ends of an interval that is searched; smaller gains hardly control the wheel
@@ -680,7 +681,7 @@ class _Search:
     def intervals(self, integral_time: float, points: EnvelopePoints) -> tuple[Floats, Floats]:
         """Return the ends of the interval of gains that stabilise each case, (n,); inf and 0 if none was found.
 
-        Only gains that stabilise every known loop at the highest speed are tried.
+        Only gains in the intervals already found for cases of the highest speed are tried.
         """
         low, high = np.full(len(points), np.inf), np.zeros(len(points))
         fastest = points.speed_kmh == points.speed_kmh.max()

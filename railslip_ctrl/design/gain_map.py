@@ -40,9 +40,9 @@ LEVELS = (4.0, 3.0, 2.5, 2.0, 1.8, 1.6, 1.4)
 _SHARES = 1 - (1 - np.linspace(1e-4, 1.0, 12)) ** 1.7  # rows of a contour, relative to its largest ki, denser near it
 _HALVINGS = 8  # bisections for the end of a contour
 _HARDEST = 5  # number of plants of the quick map
-_SPAN = 4.0  # ratio of the largest to the middle value of a parameter in the cells
-_LEAST_KI = 0.1  # 1/s, ratio of ki to kp at which the search for the top begins without integral action
-_NEAR_TOP = 1.06  # ratio at which the search for the top ends
+_SPAN = 4.0  # ratio of the largest to the middle value of a parameter in `ms_cells`
+_LEAST_KI = 0.1  # 1/s, ratio ki/kp at which the search for the largest ki begins if the controller has no integral
+_NEAR_TOP = 1.06  # ratio of successive ki at which the search for the largest ki ends
 _MOST_KI = 1e9  # ratio to the first ki at which the search ends, because nothing bounds ki
 _GRID = 200  # number of frequencies for finding the hardest plant
 

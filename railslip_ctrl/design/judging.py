@@ -35,12 +35,12 @@ _LOOKED_AT = 3  # cases of each speed whose sampled loop is computed too: sampli
 _ROUGH, _ROUGH_GRID = ("phase_deg", "delay_s", "gain_decrease", "gain_increase"), 400
 _ROUGHLY_LEAST = 2  # cases of least margin on the grid whose margin is then computed exactly
 _ROUNDING = 1 - 1e-9  # factor on a speed in km/h that was converted from m/s
-_ENGINES_AGREE = 1e-6  # relative difference of Ms by the batch and by the scalar engine; both find peaks to 1e-9
+_ENGINES_AGREE = 1e-6  # relative difference of Ms computed for many loops at once and for one; both are exact to 1e-9
 
 
 @dataclass(frozen=True)
 class WorstCase:
-    """Worst case of a controller, with its loop and its margins by the scalar engine (None for an unstable loop).
+    """Worst case of a controller, with its loop and its margins, computed for it alone (None for an unstable loop).
 
     `run_case`, `as_run` and `sampled` are the case, the loop and the margins of the worst sampled loop. `as_run` and
     `sampled` are None unless a continuous controller states its sampling.
@@ -119,7 +119,7 @@ class MsMap:
 
     def plot(self) -> Any:
         """The map as a matplotlib figure, its numbers in cells."""
-        plots = import_module("railslip_ctrl.report.plots")  # a room above this one, imported at the user's request
+        plots = import_module("railslip_ctrl.report.plots")  # a package that imports this one
         return plots.ms_map_figure({"": self}, title="Worst Ms over speed and load")
 
 
@@ -131,8 +131,8 @@ class Judgement:
     - envelope: envelope with the reference slips at which the controller was judged.
     - nominal: whether only the operating points were judged.
     - points: cases of the envelope.
-    - margins: margins of each case, NaN for an unstable loop. Gain margins are known only at the operating points, NaN
-      elsewhere, as are all margins but Ms of a discrete controller. A seeking controller has only Ms.
+    - margins: margins of each case, NaN for an unstable loop. Gain margins are computed only at the operating points,
+      for a discrete controller all margins but Ms; they are NaN elsewhere. A seeking controller has only Ms.
     """
 
     controller: Any
@@ -380,7 +380,7 @@ class Judgement:
         return lowest
 
     def _worst(self, chosen: Flags) -> WorstCase:
-        """Cases of largest Ms and of largest sampled Ms among `chosen`; the scalar engine must confirm them."""
+        """Cases of largest Ms and of largest sampled Ms among `chosen`, with margins computed for each alone."""
         index = self._largest(self.ms, chosen)
         known = np.isfinite(self.ms[index]) and not np.isnan(self.sampled_ms[chosen]).all()
         run_index = self._largest(self.sampled_ms, chosen) if known else index
@@ -407,7 +407,7 @@ class Judgement:
         return self._loops[key]
 
     def _largest(self, ms: Floats, chosen: Flags) -> int:
-        """Index of the chosen case of largest Ms; if loops are unstable, of the largest pole times brake time."""
+        """Index of the chosen case of largest Ms; of unstable loops that of largest pole times (dead time + lag)."""
         unstable = np.flatnonzero(chosen & np.isinf(ms))
         if not unstable.size:
             return int(np.argmax(np.where(chosen, np.nan_to_num(ms), -1.0)))
@@ -487,7 +487,8 @@ def margins_at(
     """Margins of a controller at every case; the loop of a plant is made once for all actuators.
 
     - factors: factors on the loop gain; the margins are then ordered by factor, then by case.
-    - gain_margins: true computes gain margins of every case and no Ms; by default only operating points have them.
+    - gain_margins: true computes gain margins and no Ms, at every case. By default Ms is computed at every case and
+      gain margins at the operating points.
     """
     if isinstance(controller, Controller):
         own = controller.stable_and_ms(
@@ -571,7 +572,7 @@ def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
 
 
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
-    """Stability and Ms of sampled loops, which have no batch, and all margins at the operating points."""
+    """Stability and Ms of sampled loops, one loop after the other; at the operating points all margins."""
     columns = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
     for index in range(len(points)):
         plant, actuator = _of(points, index)

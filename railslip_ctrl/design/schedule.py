@@ -180,7 +180,7 @@ Controller = Any
 
 @dataclass(frozen=True)
 class MarginSweep:
-    """Margins by controller name along an axis, arrays (n,), NaN if unstable; the plant's rightmost `pole`, 1/s."""
+    """Margins by controller name over `values` of a quantity (`axis`), (n,), NaN if unstable; rightmost `pole`, 1/s."""
 
     title: str
     axis: str

@@ -31,7 +31,7 @@ class Specification:
     - ms_max: largest Ms, a ratio, > 1.
     - phase_min_deg: smallest phase margin, deg, 0 to 180.
     - delay_min_s: smallest delay margin, s, >= 0.
-    - crossover: lowest and highest gain crossover with the phase margin, rad/s.
+    - crossover: lowest and highest allowed frequency of the gain crossover with the smallest phase margin, rad/s.
 
     InputError: a value of wrong type or out of its range.
     """

@@ -125,8 +125,8 @@ def _outside(integrated: Response, low: float, middle: float, high: float, kp: I
 class Region(ABC):
     """Set of (kp, ki), ki >= 0, that stabilises one plant, or each of several.
 
-    kp is in units of the plant's input over its output, ki in that per second, for negative feedback. Each end is exact
-    to rounding.
+    kp is in units of the plant's input over its output, ki in the unit of kp per second, for negative feedback. Each
+    end is exact to rounding.
     """
 
     @property
@@ -192,7 +192,7 @@ class Region(ABC):
         draw, > 0, in the same units.
         """
         strips, grid = region_map(self, kp_limit, ki_limit)
-        plots = import_module("railslip_ctrl.report.plots")  # a room above this one, imported only for plotting
+        plots = import_module("railslip_ctrl.report.plots")  # a package that imports this one
         title = "Gains that stabilise"
         return plots.region_figure(strips, grid, chosen or {}, title=title, kp_unit="u/y", ki_unit="u/(y·s)")
 
@@ -357,7 +357,7 @@ class StabilizingRegion(Region):
     def _island(self) -> tuple[float, Interval] | None:
         """Find a kp for which some ki stabilises although small ki does not; None if there is none.
 
-        One kp is tried between any two at which the boundary meets ki = 0 or has a turning point.
+        At certain kp the boundary meets ki = 0 or has a turning point. One kp is tried between each two neighbours.
         """
         turns = self.decomposition.turning_points
         edges = np.unique([e for e in [*self._edges_of_kp(), *self.decomposition.curve(turns)[0]] if math.isfinite(e)])
@@ -425,8 +425,8 @@ def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
       there is dead time.
     - dead_time: s, >= 0.
 
-    Returns the whole open set; kp in units of the plant's input over its output, ki in that per second. If it is empty,
-    `kp_range` is None, and `reason` states why. InputError: the plant or the dead time is not of this form.
+    Returns the whole open set; kp in units of the plant's input over its output, ki in the unit of kp per second. If it
+    is empty, `kp_range` is None, and `reason` states why. InputError: the plant or the dead time is not of this form.
     """
     return _region(plant, dead_time)
 
@@ -569,8 +569,8 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
 def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     """Return the exact margins at each pair of gains inside a `region`; see `MarginGrid`.
 
-    `kp` and `ki` are the grid lines, 1-D, in the plant's unit of gain and that per second; ki = 0 is P control.
-    InputError: a gain is not finite.
+    `kp` and `ki` are the values of the grid, 1-D: kp in units of the plant's input over its output, ki in the unit of
+    kp per second; ki = 0 is P control. InputError: a gain is not finite.
     """
     columns, rows = np.atleast_1d(numbers("kp", kp)), np.atleast_1d(numbers("ki", ki))
     members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]

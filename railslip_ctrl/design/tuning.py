@@ -31,7 +31,7 @@ __all__ = ["PIDesign", "Specification", "pi_for_crossover", "pi_transfer_functio
 class PIDesign:
     """Tuned PI gains with the margins of every plant and the worst of them.
 
-    kp in units of plant input per output, ki in that per second.
+    kp is in units of plant input per output, ki in the unit of kp per second.
     """
 
     kp: float
@@ -65,16 +65,16 @@ def tune_pi(
     - crossover: lowest and highest gain crossover, rad/s; see `Specification`.
     - minimise_ms: minimise the worst Ms at ki >= `ki_min` instead, under the other requirements. If all plants are
       stable, the result is almost zero gain with Ms near 1; give `ms_max` then.
-    - ki_min: in the plant's unit of gain per second, > 0; without it the integral action would vanish.
+    - ki_min: smallest ki, > 0, in the unit of kp per second; without it the integral action would vanish.
     - compensator: python-control system, `Rational`, or a real number; a further transfer function in series with the
       PI, such as a lead.
     - names: names of the plants for errors; by default numbers.
 
     The gains meet the specification exactly, and ki is a local maximum. The search covers kp up to four times the
     values that stabilise with small ki. With a bound on Ms (up to 50) it excludes larger ki rigorously, except for
-    feasible gains that span less than 4 % of ki. Without such a bound it samples rows of ki 25 % apart.
+    feasible gains that span less than 4 % of ki. Without such a bound it tries values of ki 25 % apart.
 
-    Returns kp, in units of the plants' input per output, ki, in that per second, and the margins of every plant.
+    Returns kp, in units of the plants' input per output, ki, in the unit of kp per second, and all plants' margins.
     InfeasibleDesignError: no PI meets the specification; the message has the best achievable value. InputError: no
     plants, an argument of wrong type, or a contradictory specification.
     """

@@ -1,18 +1,18 @@
 """Search of the PI gains that meet a specification for a family of plants, and of the best gains; used by `tuning`.
 
-Gains excluded by a frequency: Ms <= M, |1 + (kp + ki/(j omega)) P| >= 1/M, is (kp + x)^2 + (ki/omega - y)^2 >= r^2 with
-x + j y = 1/P and r = |1/P|/M. It excludes one ellipse of gains for each plant and frequency ([Astrom1998], MIGO). For
-phase and delay margin, a crossover at omega needs kp^2 + (ki/omega)^2 = |1/P|^2, and the phase there is that of C P;
-this excludes an arc of gains.
+At each frequency Ms <= M means |1 + (kp + ki/(j omega)) P| >= 1/M. With x + j y = 1/P and r = |1/P|/M this is
+(kp + x)^2 + (ki/omega - y)^2 >= r^2: each plant and frequency excludes the gains inside an ellipse ([Astrom1998],
+MIGO). For phase and delay margin, a crossover at omega needs kp^2 + (ki/omega)^2 = |1/P|^2, and the phase there is that
+of C P; this excludes an arc of gains.
 
-At one ki, the kp that meet the specification are the gaps between the excluded intervals of all frequencies. One exact
-loop inside a gap decides whether it is stable. Rows of ki from the largest down find the highest gap. The search
-follows it to its tip on refined frequencies, and ends with exact margins. All scales follow from the plants.
+At one ki (a row), the kp that meet the specification are the gaps between the excluded intervals of all frequencies.
+One exact loop inside a gap decides whether it is stable. The search tries rows from the largest ki down until one has a
+stable gap. It follows this gap to its largest ki (its tip) on refined frequencies, and ends with exact margins.
 
-An ellipse is convex: kp that it excludes at two ki are excluded between them too. The remaining gaps of a band of ki
-contain all gains that meet the bound on Ms. They are stable or unstable as a whole if no centre of an ellipse lies in
-one, because the centres are the gains with a pole on the axis; a band with k2/k1 - 1 <= 1/M is narrow enough. A band
-between two rows without a stable gap therefore has no solution; any other band is divided.
+An ellipse is convex: a kp that it excludes at two ki is excluded at every ki between them. The gaps that remain in a
+band of ki contain all gains that meet the bound on Ms. The centres of the ellipses are the gains with a pole on the
+axis. A gap that contains no centre is therefore stable or unstable as a whole; this holds for all gaps of a band with
+k2/k1 - 1 <= 1/M. A band without a stable gap has no solution; any other band is divided.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
 _PER_NODE = 6  # frequencies between neighbouring nodes of a plant
 _TURN = 0.15  # rad, phase of the dead time between neighbouring frequencies, while |C P| is relevant
 _MOST_TURNS = 6000  # largest number of these frequencies
-_FARTHEST = 4.0  # largest kp relative to the largest with little integral action; it may grow with much of it
+_FARTHEST = 4.0  # largest kp searched, relative to the largest that stabilises with little integral action
 _MATTERS = 0.5 / _FARTHEST  # |C P| below which a frequency affects no peak or margin
 _CLOSER = 61  # frequencies of a refinement, between the neighbours of a critical one
 _NEARLY = 0.2  # relative to Ms - 1: frequencies this close to the bound may be critical after refinement
@@ -75,12 +75,12 @@ class Forbidden:
 
     @classmethod
     def sampled(cls, systems: Sequence[Rational], dead_times: Sequence[float], usual_kp: Sequence[float]) -> Forbidden:
-        """Choose frequencies so dense that the excluded gains are nearly straight between neighbours."""
+        """Choose frequencies so dense that the excluded gains are nearly linear in frequency between neighbours."""
         responses = [Response(g, tau) for g, tau in zip(systems, dead_times, strict=True)]
         return cls(responses, [_frequencies(*pair) for pair in zip(responses, usual_kp, strict=True)], usual_kp)
 
     def closer(self, kp: float, ki: float, ms_max: float) -> Forbidden:
-        """Return the object with more samples near crossovers and minima of |1 + L| near 1/`ms_max` of these gains."""
+        """Return a copy with more samples near the crossovers of these gains and near minima |1 + L| of 1/`ms_max`."""
         with np.errstate(divide="ignore", invalid="ignore"):  # division by 0 at a pole on the axis
             loop = (kp - 1j * ki / self._omega) / self._inverse
             apart, above = np.abs(1 + loop), np.abs(loop) > 1
@@ -163,7 +163,7 @@ class Forbidden:
 
 
 def _frequencies(response: Response, usual_kp: float) -> Floats:
-    """Return frequencies so dense that gains are nearly straight between neighbours; independent of the gain's unit."""
+    """Return frequencies so dense that gains are nearly linear between neighbours, whatever the unit of gain."""
     system, dead_time = response.system, response.dead_time
     scales = np.abs(np.concatenate([system.zeros, system.poles, [1 / dead_time] if dead_time else []]))
     middle = np.exp(np.log(scales[scales > 0]).mean(keepdims=True)) if scales.any() else np.ones(1)
@@ -203,7 +203,7 @@ def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
 
 
 _BAND = 0.02, 0.25  # smallest and largest relative width of the first bands of ki
-_NEARLY_NO_KI = 1e-9  # upper bound of the ki that stands for none, relative to the largest ki
+_NEARLY_NO_KI = 1e-9  # largest ratio of the smallest ki, which stands for no integral action, to the largest ki
 _LIMITLESS = 0.1  # share of the largest ki above which ki counts as unbounded, without dead time
 _AROUND = 0.01  # relative distance in kp between the gap of the samples and the exact gap
 _AGREE = 1e-10  # tolerance of ln ki at the tip of a gap
@@ -400,7 +400,7 @@ def _tip(family: Family, specification: Specification, gap: Interval, ki: float)
 
     def left(samples: Forbidden, log_ki: float) -> tuple[Interval, ...]:
         here = math.exp(log_ki)
-        near = common_intervals([tuple(samples.gaps(here, specification)), window])  # each stable as a whole or not
+        near = common_intervals([tuple(samples.gaps(here, specification)), window])  # each stable or not as a whole
         return tuple(family.gaps(list(near), here, stable))
 
     # samples exclude no feasible gains: a tip that does not move when samples are refined is exact
@@ -458,7 +458,7 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
 
 
 def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
-    """Return values of ln ki around `start` with and without `met`; equal if all meet it, None if none does."""
+    """Return ln ki near `start` that meets a condition, and one that fails; equal if all meet it, None if none does."""
     first, here = bool(met(start)), start
     while step < (_FAR_UP if first else _FAR_DOWN):
         ahead = here + (step if first else -step)
@@ -509,9 +509,9 @@ def _best(family: Family, margin: str) -> float:
 
 
 def _tightest(family: Family, ki: float, others: Specification, margin: str) -> list[Interval]:
-    """Return the intervals of kp of a row that remain when the bound on one margin is tightened as far as possible.
+    """Tighten the bound on one `margin` as far as possible at one ki; return the intervals of kp that still meet it.
 
-    The `others` are requirements that are met as well.
+    These kp also meet the requirements `others`.
     """
 
     def bounded(x: float) -> Specification:
@@ -573,7 +573,8 @@ def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> 
     if math.isnan(largest):
         return _infeasible(family, specification)
     if largest > ki_min and specification.description:
-        return InfeasibleDesignError(f"with ki >= {ki_min:g} no PI meets it: {_infeasible(family, specification)}")
+        reason = _infeasible(family, specification)
+        return InfeasibleDesignError(f"no PI with ki >= {ki_min:g} meets the specification: {reason}")
     return InfeasibleDesignError(
         f"no PI with ki >= {ki_min:g} stabilises all plants; give a ki of at most about {largest:.4g}, the largest "
         "that does"

@@ -27,7 +27,7 @@ _CACHE_SIZE = 200  # largest number of cached results, most of them small
 
 
 class Workbench:
-    """Envelope of a design, and the controller that it begins with; by default a PI-lead by its rule.
+    """Envelope of a design by hand, and its first controller, by default a PI-lead with gains from its rule.
 
     InputError for an envelope without points or reference slips, or a controller without named parameters.
     """
@@ -78,7 +78,7 @@ class Workbench:
         return first.with_design_numbers(values, **({"reference": slips} if first.follows_reference else {}))
 
     def with_ratio_of(self, control: Controller) -> dict[str, Controller]:
-        """Return `kinds` with the given linear controller as the entry of the kind "transfer function"."""
+        """Return `kinds` with `control`, if linear, as ratio of polynomials under the kind "transfer function"."""
         if not isinstance(control, LinearControl) or control.kind == TransferFunction.kind:
             return self.kinds
         return {**self.kinds, TransferFunction.kind: begun(TransferFunction, control, self.reference)}

@@ -1,6 +1,6 @@
 """Feedback loops with exact dead time: root count, margins, certificates, time responses.
 
-The room knows nothing about slip and imports only `core`. Begin with `deadtime`: `DeadTimeLoop(system, dead_time)` and
+The package is independent of slip and imports only `core`. Begin with `deadtime`: `DeadTimeLoop(system, dead_time)` and
 its `margins()`. It uses `rational` (transfer functions, their exact polynomials and realisations), `crossings`
 (frequencies with |L| = 1 or L < 0), `stability` (root count, rightmost poles), `margins`, `certificate` (enclosures by
 ball arithmetic) and `responses` (time responses). `batch` computes the margins of many dead-time loops at once.

@@ -223,7 +223,7 @@ class Loop(ABC):
 
     def _drawn(self, kind: str, omega: ArrayLike | None) -> Any:
         band = None if omega is None else np.ravel(numbers("omega", omega, "rad/s", gt=0))
-        # imported at run time: the report's room is above this one
+        # imported at run time, because the package `report` imports this one
         return import_module("railslip_ctrl.report.plots").loop_figure(self, kind, band)
 
 

@@ -1,6 +1,6 @@
 """Stability conditions of the sliding-mode laws: the published law, its robust variants, the effect of the actuator.
 
-Imports `simulation` and the rooms below. Begin with `joint_verification`, which collects all conditions of a law as
+Imports `simulation` and the packages below. Begin with `joint_verification`, which collects all conditions of a law as
 `verdict.Condition` records. `report/verification.py` writes their texts.
 
 - `published_law`, `robust`: conditions without the actuator, as in the proof of [Park2008].
