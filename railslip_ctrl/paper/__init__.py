@@ -1,8 +1,8 @@
-"""Comparison with [Park2008]: its tables, the unit interpretation that reproduces them, its errata.
+"""Comparison with [Park2008]: its tables, the interpretation of its units that reproduces them, its errata.
 
 Imports `verification`, `simulation`, `design`, `sliding`, `model` and `core`. Begin with `tables.table5`.
 
 - `tables`: runs the four columns of Table 5, draws the adhesion curves, and finds further facts of the runs.
-- `reading`: the rules of unit and interpretation that reproduce Table 5, and the effect of each.
+- `reading`: the choices of units and of other interpretations that reproduce Table 5, and the effect of each.
 - `errata`: compares `printed`, the source's equations and numbers, with the derivation.
 """

@@ -45,7 +45,8 @@ class Erratum:
     - printed_latex, derived_latex, difference_latex: in LaTeX; the difference is "0" if they agree.
     - printed, derived: printed and derived expression as plain text.
     - agrees: true if the difference is proved to be zero.
-    - how: "symbolic": expressions compared; "computed": numbers; "argument": by the variables an expression depends on.
+    - how: comparison of expressions ("symbolic") or of numbers ("computed"), or an argument from the variables on which
+      an expression depends ("argument").
     - sign_and_size: the difference, computed with the paper's own numbers.
     - explanation: the error, and the replacement used.
     """
@@ -219,7 +220,7 @@ def adhesion_torque() -> sp.Expr:
 
 
 def corrected_observer() -> sp.Expr:
-    """Corrected (27), with every term of (26) filtered: Ta/(tau s + 1) in the measured Tb and omega."""
+    """Corrected (27): every term of (26) is filtered, which gives Ta/(tau s + 1) from the measured Tb and omega."""
     true = adhesion_torque().subs(plant.omega_rate, printed.laplace * plant.omega)
     return true / (printed.tau * printed.laplace + 1)
 
@@ -360,7 +361,7 @@ def _strict_product(derivation: Derivation) -> Erratum:
 
 
 def _bristle_maximum() -> Erratum:
-    """Erratum of Fig. 17: the bristle model's maximum at rest, and along a slip ramp, at 100 km/h."""
+    """Erratum of Fig. 17: the bristle model's maximum in steady state, and along a slip ramp, at 100 km/h."""
     v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
     law, curve = (published_law(name, Rail.DRY, wheel_load=load) for name in ("bristle", "curve"))
     sigma, parameters = plant.sigma, dict(zip(type(law).symbols(), law.parameters(), strict=True))

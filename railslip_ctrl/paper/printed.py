@@ -37,7 +37,7 @@ pressure = 6 * wheel_load / (length**3 * width) * ((length / 2) ** 2 - (xc - len
 """(5): contact pressure, Pa."""
 
 force_per_length = (Cx * slip * width * xc, mu_d * sp.Symbol("p", positive=True))
-"""(6): force per length of the locking and the slipping branch; the pressure is the symbol p."""
+"""(6): force per length of the locking and of the slipping branch; p stands for the pressure."""
 
 travelling_stiffness = Cx * length**2 / 2  #: (9): Kx, N.
 beam_force: Any = beam.printed_force()  #: (10), in v, sigma, N and the beam's parameters; both factors as printed.

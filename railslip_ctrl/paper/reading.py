@@ -52,7 +52,7 @@ class Basis(StrEnum):
 
 @dataclass(frozen=True)
 class ReadingRule:
-    """One rule of the reading: its name, the interpretation used, its basis, and its place in the paper."""
+    """One rule of the interpretation (the "reading"): its name, what is used, its basis, and its place in the paper."""
 
     name: str
     used: str
@@ -133,7 +133,7 @@ def _wet_by(law: type[Curve]) -> Change:
 
 
 def _plant(columns: Sequence[Column] = COLUMNS, **changes: Any) -> Change:
-    """Change the published scenario: another law, which an ASMC using the plant's law follows, or another scale."""
+    """Change the adhesion law of the published scenario, and of an ASMC that uses it, or the inertia scale."""
     return lambda setup: replace(setup, scenario=published_scenario(**changes)) if setup.case.gains in columns else None
 
 

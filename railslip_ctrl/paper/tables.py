@@ -70,7 +70,7 @@ CASES = (
 class Setup:
     """Scenario and controller of a column, and how its numbers are computed.
 
-    - own_reference: if true, the slip error is against the controller's reference instead of 0.132/0.092.
+    - own_reference: if true, the slip error is relative to the controller's reference instead of 0.132/0.092.
     - energy_in_joules: if true, the energy is not multiplied by the inertia scale.
     """
 
@@ -294,7 +294,7 @@ def _improvement(before: float, after: float) -> float:
 
 SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: initial braking speeds of the rig tests, [Park2008] Table 1
 
-LAWS = ("beam", "curve", "bristle")  #: laws drawn: the beam model, the bristle model along a slip ramp, and at rest
+LAWS = ("beam", "curve", "bristle")  #: laws drawn: beam model; bristle model along a slip ramp, and in steady state
 
 _POINTS = 801  # of a curve
 
@@ -313,7 +313,7 @@ class ModelCurve:
 
     @property
     def rises(self) -> bool:
-        """True if adhesion rises with slip to a peak; the bristle model at rest falls from the start."""
+        """True if adhesion rises with slip to a peak; the steady-state curve of the bristle model falls from slip 0."""
         return bool(self.peak.slip > self.slip[1])
 
 

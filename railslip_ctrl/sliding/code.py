@@ -36,7 +36,7 @@ _HELPERS = ("reciprocal", "exponential", "limited")
 
 @dataclass(frozen=True)
 class LawCode:
-    """The law as text of a Python module; `numbers` are those of an adhesion law, one entry a rail, or none."""
+    """The law as text of a Python module; `numbers` are those of an adhesion law, one entry per rail, or none."""
 
     law: SampledLaw
     python: str
@@ -67,9 +67,6 @@ def _head(note: tuple[str, ...]) -> list[str]:
         "",
         *CAUTIONS,
     ]
-
-
-# --- the module -------------------------------------------------------------------------------------------------------
 
 
 class _Printer(PythonCodePrinter):  # type: ignore[misc]
@@ -162,9 +159,6 @@ def _short(line: str) -> list[str]:
     return [part.replace(blank, " ") for part in lines]
 
 
-# --- an adhesion law's own numbers ------------------------------------------------------------------------------------
-
-
 _DIGITS = 6  #: significant digits of a number in a formula; the code has all of them
 
 
@@ -182,10 +176,7 @@ class LawNumbers:
 
 
 def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, ...]:
-    """Return the numbers of `law` on dry and wet rail, or on wet rail only if the law is for wet rail.
-
-    InputError if the `derivation` was made with another law.
-    """
+    """Return the numbers of `law` on each rail that it allows; InputError if `derivation` was made with another law."""
     if derivation.adhesion != law.name:
         raise InputError(
             f"law: {law.name!r} is not the law of the derivation, which is {derivation.adhesion!r}; derive with "
@@ -209,7 +200,7 @@ def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, .
 
 
 def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...], file: Path) -> LawCode:
-    """Return the code with the numbers appended, one dictionary a rail, and with the name of their `file` in its head.
+    """Return the code with the numbers appended, one dictionary per rail, and the name of their `file` in its head.
 
     The code of a law without a closed form is returned unchanged: it takes the adhesion torque as an argument.
     """

@@ -337,9 +337,6 @@ def _adaptation_step(name: str, function: Lyapunov) -> DerivationStep:
     )
 
 
-# --- further equations of the plant -----------------------------------------------------------------------------------
-
-
 @cache
 def _statement_steps() -> tuple[DerivationStep, ...]:
     """Return the steps for slip ratio, travelling resistance and actuator."""
@@ -366,9 +363,6 @@ def _statement_steps() -> tuple[DerivationStep, ...]:
             len(poles) == 1 and bool(poles[0].is_negative),
         ),
     )
-
-
-# --- the whole derivation ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

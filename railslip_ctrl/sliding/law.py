@@ -15,7 +15,7 @@ from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
 @dataclass(frozen=True)
 class LawGains:
-    """Gains of the law (45) and of its robust variants.
+    """Gains of the law of [Park2008] (45) and of its robust variants.
 
     - K: gain of the switching term, N*m, >= 0.
     - D: gain on s, N*m/(m/s), > 0, a torque like K.

@@ -40,7 +40,7 @@ class PredictiveDerivation(Checked):
     - closed_rate: S' under the law, N*m/s.
     - sliding_rate: e_hat' on S = 0, m/s^2.
     - authority: largest K that the brake supports downwards and upwards, N*m/s.
-    - pole: of the error with a static adhesion curve of slope Fa_slope, 1/s.
+    - pole: pole of the error with a static adhesion curve of slope Fa_slope, 1/s.
     - small_gain: sum of the loop gains around the sliding motion, dimensionless; stable below 1.
     - loop: loop transfer function of the layer in s, E, Q, Qa, G, A and Ga, dimensionless.
     - relative_degrees: relative degrees from the command to the published s and to S.
@@ -89,9 +89,6 @@ def derive_predictive() -> PredictiveDerivation:
         loop=loop,
         relative_degrees=degrees,
     )
-
-
-# --- from the plant to the error ahead of the dead time ---------------------------------------------------------------
 
 
 def _holding_torque(wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
@@ -319,9 +316,6 @@ def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[Deriva
         vanishes(p * sum(norms) - quantity),
     )
     return (observer, made), quantity
-
-
-# --- the layer's loop -------------------------------------------------------------------------------------------------
 
 
 def _layer(holding: sp.Expr, law: dict[str, sp.Expr]) -> tuple[DerivationStep, sp.Expr]:

@@ -46,9 +46,6 @@ def plain(expression: sp.Basic) -> str:
     return str(sp.sstr(expression)).replace("sign(", "sgn(")
 
 
-# --- identities -------------------------------------------------------------------------------------------------------
-
-
 POINTS = 32  #: random points of the numeric check
 _TOLERANCE = 1e-9  # relative; rounding errors are far smaller
 _SEED = 2008  # fixed, so that every run checks the same points
@@ -83,10 +80,7 @@ def _is_zero(expression: sp.Expr) -> bool:
 
 
 def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
-    """Return True if both sides agree at `POINTS` random points, except for rounding.
-
-    Positive symbols are drawn from 0.2 to 3, others from -2 to 2. Every run uses the same points.
-    """
+    """Return True if both sides agree to rounding at `POINTS` random points, which are the same in every run."""
     import numpy as np
 
     symbols = sorted(left.free_symbols | right.free_symbols, key=str)
@@ -109,12 +103,9 @@ def identical(left: sp.Expr, right: sp.Expr) -> bool:
 def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
     """Solve an equation that is linear in the unknown, by `sympy.solve` without its slow `simplify` and `check`.
 
-    Neither would change the result: a linear equation has one solution, and the check of the step proves it.
+    Neither changes the result: a linear equation has one solution, and each step of a derivation is checked afterwards.
     """
     return sp.solve(equation, unknown, simplify=False, check=False)[0]
-
-
-# --- a step -----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -42,15 +42,13 @@ from .proof import CODE_NOTATION, SLIDING_NOTATION, sliding_symbol
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
 SWITCHING = sp.Symbol("switching", real=True)  #: switching function: sgn s, or its saturated form
 LIMITED = sp.Function("limited")  #: limited(x, limit): x limited to -limit .. limit
-DOMAIN_SHARE = 0.999
-"""Limit of |sigma|, relative to the `sigma_limit` of an adhesion law. There 1/1000 of the bristle law's Fs is left."""
+DOMAIN_SHARE = 0.999  #: largest |sigma| over a law's `sigma_limit`; there 1/1000 of the bristle law's Fs is left
 
 _V_FILTERED = sp.Symbol("v_filtered", real=True)
 _DRIVE, _BOUNDARY = sp.Symbol("drive", real=True), sp.Symbol("boundary", nonnegative=True)
 _LEAK, _DEAD_ZONE = sp.Symbol("leak", nonnegative=True), sp.Symbol("dead_zone", nonnegative=True)
 
-LARGEST = 1e12
-"""Limit of numbers in the generated code, SI. It is far above any value of a train, and products do not overflow."""
+LARGEST = 1e12  #: limit of numbers in the generated code, SI: far above a train's values, and products do not overflow
 
 EXPLAINED = ("from_adhesion", "from_friction", "s_drift", "Ueq", "Ur", "drive", "z_decay", "z_limit")
 """Intermediate values that have a comment in the generated code."""
@@ -221,13 +219,13 @@ def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
     path, statement = Path(inspect.getfile(law)), law.statement()
     limits = []
     if statement.sigma_limit is not None:
-        limits.append(f"its slip velocity to +-{DOMAIN_SHARE:g} {statement.sigma_limit}")
+        limits.append(f"its slip velocity is limited to +-{DOMAIN_SHARE:g} {statement.sigma_limit}")
     if statement.state_limit is not None:
-        limits.append(f"its state z to +-{statement.state_limit}")
+        limits.append(f"its state z is limited to +-{statement.state_limit}")
     return (
         f"Ta comes from the adhesion law {law.name!r} at the measured slip velocity, inside its domain:",
         f"{path.name}, SHA-256 {file_hash(path)}.",
-        *([f"Limited, so that it does not diverge if the wheel locks: {' and '.join(limits)}."] if limits else []),
+        *([f"So that the law does not diverge if the wheel locks, {' and '.join(limits)}."] if limits else []),
     )
 
 

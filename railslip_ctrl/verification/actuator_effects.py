@@ -31,10 +31,8 @@ from .robust import LAYER_WIDTH, effective_torque
 from .verdict import RULE, Condition, checked_at
 
 _OFFSET = 0.05  # initial slip velocity of a run above the reference slip velocity, relative to the reference
-_SETTLING, _MEASURED = (
-    30.0,
-    20.0,
-)  # s, to be multiplied by the inertia scale; about 8 and 5 periods of the relay's cycle
+# Settling and measuring time, s, to be multiplied by the inertia scale; about 8 and 5 periods of the relay's cycle
+_SETTLING, _MEASURED = 30.0, 20.0
 _LONGEST = 60.0  # s, to be multiplied by the inertia scale; longer than any stop
 _LEAST_CROSSINGS = 3  # least number of upward zero crossings of s for a period; between three are two whole periods
 
@@ -58,9 +56,6 @@ def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
     return replace(loop, actuator=Actuator(dead_time=0.0, lag=0.0))
 
 
-# --- largest gains ----------------------------------------------------------------------------------------------------
-
-
 def largest_adaptation(loop: SurfaceLoop) -> float:
     """Return the largest printed k with a stable loop without relay; inf without bound, 0 if no k is stable."""
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
@@ -68,7 +63,7 @@ def largest_adaptation(loop: SurfaceLoop) -> float:
 
 @dataclass(frozen=True)
 class Survivors:
-    """Limits of single gains for a stable loop with actuator, the other gains unchanged and the relay as a gain of 0.
+    """Limit of each gain for a stable loop with actuator; the other gains are unchanged, the relay is a gain of 0.
 
     - stable: True if the linear part (rho, D, feed-forward) is stable; if not, the limits of k, rho and D are 0.
     - k, rho, D: largest stable values, 1, 1/s and N*m/(m/s); inf without bound.
@@ -94,9 +89,6 @@ def survivors(loop: SurfaceLoop) -> Survivors:
     )
 
 
-# --- runs -------------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class SlipRun:
     """Slip of a run with actuator.
@@ -104,7 +96,7 @@ class SlipRun:
     - slip_range: smallest and largest slip ratio; NaN if the run was lost.
     - in_range: True if the slip stayed between 0 and twice the reference slip.
     - lost: reason if the wheel locked or left the adhesion law's domain, else None.
-    - period: time between upward zero crossings of s, s; NaN if s has no cycle.
+    - period: time between upward zero crossings of the sliding variable, s; NaN if it does not oscillate.
     """
 
     slip_range: tuple[float, float]
@@ -119,7 +111,7 @@ class SlipRun:
 
 
 def whole_periods(run: FixedRun) -> tuple[float, slice]:
-    """Return the period of s, s, and the slice from first to last upward zero crossing; NaN with fewer than three."""
+    """Return the period, s, of the sliding variable, and the slice of its whole periods; NaN if fewer than two."""
     s, time = run.s, run.time
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
@@ -158,17 +150,14 @@ def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
     return None if run.lost is None and math.isnan(run.period) else run
 
 
-# --- the published law with the actuator ------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class ActuatorEffect:
     """Effect of lag and dead time on the published law at one operating point.
 
     - existence: `SurfaceLoop.sliding_existence`; cycle: `relay_cycle`; survivors: `survivors`.
     - runs: simulated runs of the law with adaptation, by name.
-    - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop without and with actuator, the
-      relay as a gain of 0.
+    - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop without and with actuator, with the
+      relay replaced by a gain of 0.
     - unstable_linear: number of unstable poles with actuator and without adaptation.
     """
 
@@ -239,9 +228,6 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
         Condition("the adaptive loop is stable behind the actuator", stable, points, about, claimed=True),
     )
     return conditions, {"effects": effects, "as_published": ratios}
-
-
-# --- the robust variants with the actuator ----------------------------------------------------------------------------
 
 
 def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:

@@ -88,7 +88,8 @@ def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **f
     exact = [_exact(expression) for expression in expressions]
     for function in {type(one) for each in exact for one in each.atoms(sp.Function)}:
         if function.__name__ not in known:
-            raise InputError(f"adhesion: {function.__name__} has no interval enclosure; give a law without it")
+            name = function.__name__
+            raise InputError(f"adhesion: {name} has no interval enclosure; give a law that does not use {name}")
     made: Callable[..., Any] = sp.lambdify(list(arguments), exact, modules=[known], cse=True)
     return made
 
@@ -190,9 +191,6 @@ def _curve_node(law: Curve, index: int) -> arb:
     if index == 0:
         return arb(0)
     return (alpha / R * acb.integral(integrand, 0, s)).real
-
-
-# --- the largest value over a box -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

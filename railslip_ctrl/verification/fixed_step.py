@@ -3,7 +3,7 @@
 `simulate_ideal` is the loop of the proof, in which the law's torque acts at once; with a relay, |s| chatters up to K0
 times one step. `simulate_behind` has dead time and lag. A switch of the relay takes effect at the next sample, so times
 are exact to one step. Braking runs (`simulation`) use another kernel, in which the law is sampled as in a brake and
-uses the adhesion at rest. The proof does not cover that case.
+uses the steady-state adhesion. The proof does not cover that case.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from railslip_ctrl.verification import reaching
 from . import fixed_step_kernel as layout
 
 END_SPEED = 5.0 * KMH  #: speed at which a stop ends, m/s ([Park2008] p. 56)
-STEP = 0.002  # s; with a dead time, the largest step up to this that divides it
+STEP = 0.002  # s; with a dead time, the largest step up to this value of which the dead time is a multiple
 RUNS = 8  #: runs of a simulated condition, with consecutive seeds
 _NONE = Actuator(dead_time=0.0, lag=0.0)  # ideal actuator
 _NOISE_INTERVAL = 0.02  # s, over which the random adhesion force is constant
@@ -129,9 +129,6 @@ def _rows(
     return rows.transpose(2, 1, 0), step
 
 
-# --- without an actuator ----------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class IdealRun(FixedRun):
     """Signals of runs without actuator: those of `FixedRun` and the following.
@@ -162,7 +159,7 @@ def simulate_ideal(
 
     - nominal: vehicle whose parameters the law uses; by default `vehicle`.
     - constant_speed: m/s; if not None, v is constant for wheel and law, and the run starts at the reference slip with
-      the adhesion at rest. By default the run starts free rolling at 100 km/h.
+      steady-state adhesion. By default the run starts free rolling at 100 km/h.
     - disturbed: True adds the published random adhesion force (limited to three standard deviations, constant over
       0.02 s), Td = 0.05 Tb exp(-4t) sin(10 pi t), and the vehicle's resistance.
     - slip_noise: standard deviation of the noise of the slip velocity, m/s, independent in each step.
@@ -217,9 +214,6 @@ def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
         force[row] = np.repeat(values, each)[:steps]
         noise[row] = generator.standard_normal(steps)
     return force, noise
-
-
-# --- with an actuator -------------------------------------------------------------------------------------------------
 
 
 def simulate_behind(

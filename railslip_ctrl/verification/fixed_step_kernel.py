@@ -41,7 +41,7 @@ class Settings(NamedTuple):
 
 @compiled
 def law_torque(v, sigma, z, noise, p, table):
-    """Return the Ta that the law uses, N*m: the true Ta plus the change of the adhesion at rest due to the noise."""
+    """Return the Ta that the law uses, N*m: the true Ta plus the change of steady-state adhesion due to the noise."""
     force = adhesion_force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
     if noise != 0.0:
         for x, sign in ((sigma + noise, 1.0), (sigma, -1.0)):

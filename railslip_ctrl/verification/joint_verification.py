@@ -46,8 +46,8 @@ def verify(
       the robust law 1.1 times the least gain of (40) over its box; for the predictive law `Predictive.for_vehicle`.
     - D: gain on s, 0.1 to 1e4, N*m/(m/s); by default that of Table 4. The predictive law has no D.
     - seed: first seed of sampled and simulated conditions, 0 to 2^31.
-    - adhesion: static law, rails and reference slip for the predictive law, which takes the static curve of the bristle
-      model. The other laws are verified only for the published bristle model on both rails.
+    - adhesion: static law, rails and reference slip for the predictive law; the static curve replaces the published
+      bristle model. The other laws are verified only for the published bristle model on both rails.
     - actuator: False leaves out the conditions with the actuator; no effect for the predictive law.
 
     InputError for a value outside its range, or an argument that the law does not have.

@@ -22,7 +22,7 @@ from railslip_ctrl.simulation import Run, Scenario, Signals, simulate
 
 from .reaching import derived
 
-TAIL = 1.0 / 3.0  #: last part of a stage over which the ultimate bound of abs(s) is computed, a share of its duration
+TAIL = 1.0 / 3.0  #: last part of a stage, over its duration, in which the ultimate bound of abs(s) is computed
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class LyapunovSignals:
 
 @dataclass(frozen=True)
 class AlongRun:
-    """Outcome of a condition along a run: share of time in which it held, and time of the first violation, s (NaN)."""
+    """A condition along a run: share of time in which it held, time of the first violation, s; NaN if there is none."""
 
     name: str
     share: float
@@ -79,8 +79,7 @@ class LyapunovRun:
 def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True, seed: int | None = 0) -> LyapunovRun:
     """Simulate the scenario and evaluate the conditions along the run.
 
-    With `actuator=False` the torque acts at once, as in the proof of [Park2008]. `seed`: seed of the noise; None for no
-    noise.
+    With `actuator=False` the torque acts at once, as in the proof of [Park2008]. With `seed` None there is no noise.
     """
     if not actuator:
         ideal = scenario.vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})

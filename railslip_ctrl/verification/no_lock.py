@@ -130,7 +130,7 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
     falling = (force.most[row] + noise + vehicle.resistance.force(speeds)) / M
 
     def numerator(which: Any, least: Floats, end: Floats, torque: Floats) -> Floats:
-        """Largest v slip', m/s^2, of the wheels `which` with at least this adhesion, N, and at most this slip."""
+        """Largest v slip', m/s^2, of the wheels `which` if Fa is at least `least`, N, and the slip at most `end`."""
         train = -(1.0 - np.where(least > 0.0, end, 0.0)) * least / M
         wheel = r / J * (friction[which] + (1.0 + TORQUE_FRACTION) * torque - r * least)
         sizes = np.abs(train) + r / J * (friction[which] + torque + r * np.abs(least))

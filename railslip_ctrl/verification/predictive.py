@@ -187,9 +187,6 @@ def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], s
     return Extremes(enclosed(0, -1.0), enclosed(0), pole, drift, enclosed(3))
 
 
-# --- requirements of the law over a box -------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Demand:
     """Requirements of the law on a rail for all values in a box; each number is a bound, rounded to the safe side.
@@ -228,7 +225,7 @@ def demand(
 ) -> Demand:
     """Compute the requirements of the law by the equations in the docstring of this module.
 
-    attained: True takes values that the extremes attain in the box, rounded inward, instead of their bounds.
+    attained: True uses values that H, P, R0 and -v' attain in the box, rounded inward, instead of their bounds.
     """
     assert gains.lag is not None, "`believing` sets it"
     kappa, theta, lag = arb(gains.kappa), arb(gains.dead_time), arb(max(gains.lag, _LEAST_LAG))
@@ -300,10 +297,7 @@ _INFLATED = 1.01  # size of the set that is tested for invariance, relative to t
 
 
 def kept(gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox) -> Kept:
-    """Find an invariant set within the boundary layer.
-
-    An iteration of the bounds of |S| and |e_hat| finds the set. Interval arithmetic checks that it is invariant.
-    """
+    """Find an invariant set within the boundary layer by iteration; interval arithmetic checks that it is invariant."""
     ratio, theta = arb(gains.radius) / gains.wheel_inertia, arb(gains.dead_time)
     tau = arb(max(gains.observer_time, gains.deceleration_time))
 
@@ -335,9 +329,6 @@ def kept(gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox
     return Kept(surface, error, after[2], after[2] < room)
 
 
-# --- conditions -------------------------------------------------------------------------------------------------------
-
-
 class Case(NamedTuple):
     """Law, vehicle and rails of a verification."""
 
@@ -360,10 +351,10 @@ STAYS = "the slip stays in the box"
 
 
 def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dict[str, Any]]:
-    """Decide a condition of `HOLDS`, or `STAYS`, over a box on every rail; return (verdict, numbers).
+    """Decide the condition `name`, `STAYS` or a key of `HOLDS`, over a box on every rail; return (verdict, numbers).
 
-    False: on some rail the condition fails for values that the extremes attain, if H - H_hat and H_hat' are at their
-    bounds. None: undecided, for example because the small gain fails and the bounds are infinite.
+    False: on some rail the condition fails when H, P, R0 and -v' have values that they attain in the box, and H - H_hat
+    and H_hat' are at their bounds. None: undecided, for example because the bounds are infinite.
     """
     found = {one.rail: demand(case.gains, case.vehicle, one, box) for one in case.rails}
     numbers: dict[str, Any] = {"found": found, "gains": case.gains, "box": box, "fails": []}
@@ -412,9 +403,6 @@ def conditions(case: Case) -> tuple[Condition, ...]:
         how = None if holds is None else PROVED if holds else COUNTEREXAMPLE
         made.append(Condition(name, holds, how, numbers))
     return (*made[1:], made[0])
-
-
-# --- tolerances -------------------------------------------------------------------------------------------------------
 
 
 _STEPS = 7  # steps of the bisection, which resolve 1 % of the range

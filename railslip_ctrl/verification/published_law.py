@@ -1,8 +1,4 @@
-"""Conditions of the published law: the Lyapunov argument by SymPy, reaching and theta by numbers over boxes and runs.
-
-At random states, the derived expressions of s' and V' are compared with those from the plant's numeric rates under the
-generated law.
-"""
+"""Conditions of the published law: Lyapunov argument by SymPy, reaching and theta by numbers over boxes and runs."""
 
 from __future__ import annotations
 
@@ -29,14 +25,12 @@ from .fixed_step import RUNS, simulate_ideal
 from .robust import LAYER_WIDTH, gain_units
 from .verdict import CORNERS, Condition, checked_at
 
-# --- identity of the closed loop ------------------------------------------------------------------------------------
-
 
 def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> dict[str, Any]:
     """Compare s' and V' from the plant's rates under (45) and (49) with the derived s' and V', at random points.
 
     Returns the largest differences, relative to the sum of the terms' magnitudes, so that cancellation does not count
-    as error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice its rest value, |s| < 2 m/s. The code lists the
+    as error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice its steady value, |s| < 2 m/s. The code lists the
     ranges of parameters, gains, theta_hat and disturbances.
     """
     M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
@@ -309,10 +303,7 @@ def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
 
 
 def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide whether theta' = 0, as (47) assumes.
-
-    If the stop ends before 25 s, the numbers also include a stop with the as-published inertia scale.
-    """
+    """Decide whether theta' = 0, as (47) assumes; after a stop of less than 25 s, also run the as-published scale."""
     here = parameter_step(vehicle, gains)
     steps = {vehicle.inertia_scale: here}
     if here["speed"] is None:
@@ -322,9 +313,6 @@ def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
     holds = here["jump"] == 0.0 and here["friction_level"] == 0.0
     numbers = {**masses, "friction_level": here["friction_level"], "steps": steps}
     return Condition("theta constant", holds, "simulated", numbers, claimed=True)
-
-
-# --- drift ----------------------------------------------------------------------------------------------------------
 
 
 def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> dict[str, float]:

@@ -43,9 +43,7 @@ from railslip_ctrl.sliding.proof import sliding_symbol
 
 ADHESION_NOISE = RANDOM_SHARE  #: standard deviation of the random adhesion force over the wheel load
 
-TORQUE_FRACTION = 0.05
-"""Bound of Td = 0.05 Tb exp(-4t) sin(10 pi t) as a fraction of the acting brake torque ([Park2008] p. 55)."""
-
+TORQUE_FRACTION = 0.05  #: bound of |Td|/Tb for Td = 0.05 Tb exp(-4t) sin(10 pi t) ([Park2008] p. 55)
 TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi  #: decay, 1/s, and frequency, rad/s, of Td
 
 
@@ -55,7 +53,7 @@ def torque_share(time: Floats) -> Floats:
 
 
 LOWEST_SPEED_KMH = 5.0  #: speed at which the published stop ends ([Park2008] p. 56)
-_VANISHING_SLIP = 1e-9  # slip of the largest adhesion at rest: the curve jumps to its maximum at slip 0+, then falls
+_VANISHING_SLIP = 1e-9  # slip of the largest steady-state adhesion: the curve jumps to it at slip 0+, then falls
 
 Range = tuple[float, float]
 
@@ -101,7 +99,7 @@ class ReachingSet:
 
 
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
-    """Return the point of the published run that needs the least gain: 100 km/h, dry, e = 0, adhesion at rest.
+    """Return the point of the published run that needs the smallest K: 100 km/h, dry, e = 0, steady-state adhesion.
 
     The random force is bounded at `sigmas` standard deviations. `with_torque=False` neglects Td, which decays by the
     factor exp(-4) in one second.
@@ -122,7 +120,7 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
 def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
     """Return the box of the published run on dry rail: 100 to 5 km/h, slip 0 to twice the reference, empty to loaded.
 
-    The adhesion torque ranges from 0 (z = 0 at the start) to its largest value at rest, independently of the slip.
+    The adhesion torque ranges from 0 (z = 0 at the start) to its largest steady value, independently of the slip.
     Adhesion torque and random force are proportional to the wheel load (`load_ratio`). The estimates are exact.
     """
     return replace(
@@ -156,14 +154,14 @@ def bristle_plant(vehicle: Vehicle, rail: Rail = Rail.DRY) -> tuple[NumericPlant
 
 
 def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail = Rail.DRY) -> float:
-    """Return the adhesion torque Ta, N*m, of the bristle model at rest (z' = 0), at a speed, m/s, and a slip ratio."""
+    """Return the steady-state Ta (z' = 0), N*m, of the bristle model at a speed, m/s, and a slip ratio."""
     functions, p = bristle_plant(vehicle, rail)
     z = functions.rest_state(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
     return vehicle.wheel.radius * float(functions.force(speed, slip * speed, z, 0.0, 0.0, 0.0, p))
 
 
 def vanishing_slip_torque(vehicle: Vehicle, rail: Rail = Rail.DRY) -> float:
-    """Return the largest Ta at rest, N*m, which is at vanishing slip and 100 km/h."""
+    """Return the largest steady-state Ta, N*m, which is at vanishing slip and 100 km/h."""
     return rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail)
 
 
@@ -171,9 +169,6 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
     """Return the vehicle with another viscous friction, N m s."""
     wheel = vehicle.wheel.model_copy(update={"viscous_friction": friction})
     return vehicle.model_copy(update={"wheel": wheel})
-
-
-# --- the derived expressions as functions ----------------------------------------------------------------------------
 
 
 @cache
@@ -243,10 +238,10 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
 
 @cache
 def required_gain() -> Callable[..., Any]:
-    """Return the function for the K, N*m, at which s' = 0 at s = 0+ or 0- under (45), with Td = q Tb.
+    """Return a function that computes the K, N*m, at which s' = 0 at s = 0+ (`side` 1) or 0- (-1), with Td = q Tb.
 
-    s' is that of `effective_rate`. Arguments are `BOX_VARIABLES` and `_PARAMETERS`. ArithmeticError if K is not affine
-    in each of the variables, which a change of the plant could cause.
+    s' is that of `effective_rate`. The function takes `BOX_VARIABLES`, then `_PARAMETERS`. ArithmeticError if K is not
+    affine in each of the variables, which a change of the plant could cause.
     """
     rate = effective_rate(derive(), 1 + _FRACTION)
     approach = sp.expand(_SIDE * rate.subs(sp.sign(_s), _SIDE).subs(_s, 0)).subs(_SIDE**2, 1)
@@ -312,9 +307,6 @@ def tolerated_error(
         return 0.0
     grows = wrong > exact
     return float(np.min((K - exact[grows]) / (wrong - exact)[grows], initial=math.inf))
-
-
-# --- search for a counterexample --------------------------------------------------------------------------------------
 
 
 SEARCHED = ("v", "slip", "Ta", "M", "Tr", "share", "theta_hat1", "theta_hat2", "a", "b", "j", "side")

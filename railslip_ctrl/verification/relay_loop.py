@@ -40,10 +40,7 @@ from railslip_ctrl.model.vehicle import Actuator
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 
 OMEGA_UNIT_FACTOR = PUBLISHED_LAW.k2 / PUBLISHED_LAW.k1
-"""Factor 3.6^2 of omega^2: with the one printed k, theta2' = 12.96 k s omega in SI.
-
-In km/h both s and omega are 3.6 times larger.
-"""
+"""Factor 3.6^2 in theta2' = 12.96 k s omega (SI, printed k), because s and omega are 3.6 times larger in km/h."""
 
 SLOWEST = 1e-4  # first rate tried, 1/s (for the adaptation, its square): far slower than any stop
 _RATIO, _STEPS = 1.2, 76  # factor between the gains tried, and their number: up to 1e6 times the first

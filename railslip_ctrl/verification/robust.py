@@ -1,10 +1,10 @@
 """Robust variants of the law, derived and verified: boundary layer, dead zone, projection, leak, matrix gain.
 
-All use the derived error dynamics, and V with a gain for each component. With Td = q Tb for the acting Tb, the dynamics
-are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0 and phi = (Ta_hat, omega) of the law. The
-effective disturbance d includes the errors of Ta_hat and v'_hat, but not s, D or K (`effective_disturbance`). d_max
-bounds |d|, m/s^2, and (J/r) d_max is the least gain of (40). The actuator is not included: the torque acts at once. The
-conditions are the proofs, with a check of their hypotheses, and simulated runs.
+All use the derived error dynamics and the Lyapunov function V with one adaptation gain for each component of theta. Let
+Td = q Tb, with the acting torque Tb. Then s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0 and the
+law's regressor phi = (Ta_hat, omega). The effective disturbance d includes the errors of Ta_hat and v'_hat, but not s,
+D or K (`effective_disturbance`). d_max bounds |d|, m/s^2, and (J/r) d_max is the least gain of (40). The actuator is
+not included: the torque acts at once. Proofs, whose hypotheses are checked, and simulated runs decide the conditions.
 """
 
 from __future__ import annotations
@@ -56,10 +56,7 @@ LOWEST_FRICTION = -0.25  # B at the end of the longest published stop, N m s: th
 
 @cache
 def effective_disturbance() -> sp.Expr:
-    """Derive d of s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), m/s^2, with Td = (h - 1) Tb.
-
-    ArithmeticError if d contains s, D or K: a bound of d would then depend on the gains.
-    """
+    """Derive d of s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), m/s^2; ArithmeticError if d contains s, D or K."""
     effective = sp.expand((reaching.effective_rate(derive(), SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))) / SHARE)
     if effective.has(s, D, K, *TILDE):
         raise ArithmeticError("the effective disturbance depends on s, D or K; the plant or the law has been changed")
@@ -181,9 +178,6 @@ def gain_units() -> tuple[str, str]:
     return found[0], found[1]
 
 
-# --- a design ------------------------------------------------------------------------------------------------------
-
-
 def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
     """Return the box of the published run, with errors of estimates, brake gain and J, for which K is designed.
 
@@ -248,16 +242,13 @@ def farthest_theta(vehicle: Vehicle) -> Floats:
     return reaching.true_theta(far, vehicle)
 
 
-# --- the robust variants' conditions -------------------------------------------------------------------------------
-
-
 _DURATION = 60.0  # s; longer than any stop of these designs
 _RISE_TOLERANCE = 1e-3  #: accepted rise of V in a run, relative to V(0); steps of 2 ms cause it
 _BOUND_TOLERANCE = 0.01  #: accepted relative excess over a bound: a sampled relay overshoots by K0 times one step
 
 
 def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int) -> tuple[Condition, ...]:
-    """Decide all conditions of the robust variants; K (N m) by default that of the design, D in N m/(m/s)."""
+    """Decide all conditions of the robust variants; K, N m, is by default that of each design; D in N m/(m/s)."""
     gains, leaking = dead_zone_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
     largest, bound = effective_torque(vehicle), leak_bound(vehicle, leaking)
     seeds, size = tuple(range(seed, seed + RUNS)), gains.layer

@@ -12,9 +12,7 @@ from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 
-RULE = "relative degree"
-"""Method: a delay, or a relative degree above 1 from the relay to s, excludes a sliding mode."""
-
+RULE = "relative degree"  #: method: a delay, or a relative degree above 1 from the relay to s, excludes a sliding mode
 CORNERS = "checked at the corners"
 """Method: the bound is affine in each quantity (proved with SymPy), and evaluated in floats at the box's corners."""
 
@@ -51,7 +49,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest `value` of one quantity, in `unit`, for which all conditions still hold, the others as in the box.
+    """Largest `value` of one quantity, in `unit`, for which all conditions hold, with the others as in the box.
 
     `limited_by` is the condition that fails for larger values.
     """
