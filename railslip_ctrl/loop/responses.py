@@ -41,7 +41,7 @@ _WELL_POSED = 1e-12  # least |1 + L(inf)| without dead time; a smaller one is 0 
 
 @dataclass(frozen=True)
 class TimeResponse:
-    """Signals of a closed loop that is at rest before t = 0; arrays of one shape, one entry per time.
+    """Signals of a closed loop, all 0 before t = 0; arrays of one shape, one entry per time.
 
     At a jump a signal has the value after the jump. SI units; in a wheel-slip loop torques are in N*m and slip
     velocities in m/s.

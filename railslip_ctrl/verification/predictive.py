@@ -15,7 +15,7 @@ tube; for n = 0 the tube is the boundary layer. The torque differs from H by at 
 
     dT = |S| + (J/r) kappa |e_hat| + (theta + tau) R + 2 n,    R = R0 + P dT,
 
-with P the largest magnitude of the slip pole and R0 the rate of H at rest. Both are finite if P (theta + tau) < 1.
+with P the largest magnitude of the slip pole and R0 that of H' for dT = 0. Both are finite if P (theta + tau) < 1.
 `boxes.largest` encloses P, R0 and the range of H over the box of speed, slip, load and rail. The rest is arithmetic on
 balls. The law is in continuous time, with a constant reference slip.
 """

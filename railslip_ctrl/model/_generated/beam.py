@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "c54fb1b544d5cda32e6a8e6c729af75e346d4e4c318e863f12e1abac3e2558dc"
+SOURCES_SHA256 = "e71da4d89d085271f0963f986bfda8761d97da80c51d283848dc6699aaf6b017"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

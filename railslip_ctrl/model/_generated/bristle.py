@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "ea95c9b6ba5e7263786b97b14563b2373cec8e33b9d3cc015e787fa7c7d8802c"
+SOURCES_SHA256 = "dd3db9951c0d9b88a9f12d002c78171365fd82157a12a1d0e933df3cfbb9c4b8"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "90fef6e22192ed38335b9f6c6764a8c5bb2327627a671c3c7db894027d9502a8"
+SOURCES_SHA256 = "4bf3de14ee495c101498885b6305e4ad133791714480254004ca1393b37a1f1f"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

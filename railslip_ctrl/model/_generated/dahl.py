@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "6b69ae30739c52c86e3fad74c5170bb78b7e6d6537746074fe331e863d0b23af"
+SOURCES_SHA256 = "542f7d4699a3acf32473b49ff6d6cfdeac415ed10271d94c1154f400e7608366"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -41,7 +41,7 @@ class ReferenceSlip(Record):
 
 @dataclass(frozen=True)
 class Kink:
-    """A `slip` ratio at which a law has no unique derivative or no rest state, and the `reason` as text."""
+    """A `slip` ratio at which a law has no unique derivative or no steady state, and the `reason` as text."""
 
     slip: float
     reason: str
@@ -51,8 +51,8 @@ class Kink:
 class Statement:
     """Equations of a law in SymPy, in the symbols of `notation` (v, sigma, z, N) and of `AdhesionLaw.symbols`.
 
-    - force: Fa, N; at rest it has the sign of sigma.
-    - state_rate, steady_state: z', m/s, and z at rest as a function of sigma, in closed form; None for a static law.
+    - force: Fa, N; in steady state (z' = 0) Fa has the sign of sigma.
+    - state_rate, steady_state: z', m/s, and z with z' = 0 as a function of sigma in closed form; None for a static law.
     - functions: numeric counterpart "module:function" of each SymPy function that the law defines, by class name.
     - sigma_limit: slip velocity, m/s, that |sigma| must stay below; None if the equations hold for every sigma.
     - state_limit: largest |z|, m, that slip can build up from z = 0: the supremum of |steady_state|. A state with
@@ -90,7 +90,7 @@ class AdhesionLaw(Record):
     reference: ReferenceSlip | None = Field(None, description="reference slip ratios, if given")
     file: str | None = Field(None, exclude=True, repr=False, description="name of the law's file, if any")
     of_wheel_load: float | None = Field(
-        None, exclude=True, repr=False, description="wheel load, N, of its forces, if known"
+        None, exclude=True, repr=False, description="wheel load, N, for which its forces hold, if known"
     )
 
     @field_validator("of_wheel_load", mode="before")
@@ -244,7 +244,7 @@ class AdhesionLaw(Record):
             )
 
 
-REST_STATE_UNDEFINED = Kink(0.0, "without slip every deflection is at rest, so the adhesion state is undefined")
+REST_STATE_UNDEFINED = Kink(0.0, "without slip every deflection is steady, so the adhesion state is undefined")
 """Kink of every dynamic law at slip 0: z' is 0 for every z, so that the law cannot be linearised."""
 
 

@@ -17,8 +17,8 @@ REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)  #: [Park2008] p. 55
 class Bristle(AdhesionLaw):
     """Railway bristle model Fa = alpha z, z' = sigma - alpha h |sigma| z, h = beta/(gamma - |sigma|).
 
-    The source prints it without the absolute values; z then diverges for sigma < 0. At rest Fa = (gamma - sigma)/beta:
-    it falls for every sigma > 0, and the law ends at sigma = gamma.
+    The source prints it without the absolute values; z then diverges for sigma < 0. In steady state (z' = 0)
+    Fa = (gamma - sigma)/beta: it falls for every sigma > 0, and the law ends at sigma = gamma.
     """
 
     name: ClassVar[str] = "bristle"
@@ -38,7 +38,7 @@ class Bristle(AdhesionLaw):
         return cls(alpha=alpha, beta=beta, gamma=gamma, reference=REFERENCE).on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which sigma reaches gamma and the adhesion vanishes, and the reason."""
+        """Slip ratio at speed `v`, m/s, at which sigma reaches `gamma` and the adhesion vanishes; and this reason."""
         return self.gamma / v, "the slip velocity reaches gamma, at which its adhesion vanishes"
 
     @classmethod

@@ -41,14 +41,14 @@ class Curve(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with parameters of (30)-(32) and the ramp that gives the published peak; N as in `Bristle`."""
+        """The law with the parameters of [Park2008] (30)-(32) and a ramp that gives the published peak of mu."""
         check_published_range(initial_speed_kmh, wheel_load)
         alpha, beta, gamma = published_coefficients(initial_speed_kmh, wheel_load)
         law = cls(alpha=alpha, beta=beta, gamma=gamma, v0=initial_speed_kmh * KMH, reference=REFERENCE)
         return law.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at which the slip velocity lambda v0 of the ramp reaches gamma, at every speed `v`; the reason."""
+        """Slip ratio, the same for every `v`, at which lambda v0 of the ramp reaches `gamma`; and this reason."""
         return self.gamma / self.v0, "the slip velocity of its ramp reaches gamma, at which its adhesion vanishes"
 
     @classmethod
