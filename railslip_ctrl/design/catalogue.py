@@ -336,7 +336,7 @@ def tracked_reference(
     """Return the reference slips of a controller of `NAMES`; None if it has none.
 
     They are `slip`, or those of a `column` of Table 4, or those of the adhesion law. InputError if none of the three
-    exists, or if the controller does not use an argument. `dashes` precede the names of arguments in messages.
+    exists, or if the controller does not use an argument. `dashes` precedes names of arguments in messages.
     """
     if not _tracks_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):

@@ -287,7 +287,7 @@ def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], 
 
 
 def _violating(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> list[LinearPlant]:
-    """Return plants at which a design violates the specification or the minimised Ms: the `_JOINING` of largest Ms."""
+    """Return plants, at most `_JOINING` of largest Ms, that violate the specification or exceed the minimised Ms."""
     assert tuned.design is not None
     if not plants:
         return []

@@ -131,8 +131,8 @@ class Judgement:
     - envelope: envelope with the reference slips at which the controller was judged.
     - nominal: whether only the operating points were judged.
     - points: cases of the envelope.
-    - margins: margins of each case, NaN for an unstable loop. Gain margins are computed only at the operating points,
-      for a discrete controller all margins but Ms; they are NaN elsewhere. A seeking controller has only Ms.
+    - margins: margins of each case, NaN for an unstable loop. Except at operating points, gain margins are NaN,
+      and for a discrete controller all margins but Ms. A seeking controller has only Ms.
     """
 
     controller: Any

@@ -400,7 +400,7 @@ def _tip(family: Family, specification: Specification, gap: Interval, ki: float)
 
     def left(samples: Forbidden, log_ki: float) -> tuple[Interval, ...]:
         here = math.exp(log_ki)
-        near = common_intervals([tuple(samples.gaps(here, specification)), window])  # each stable or not as a whole
+        near = common_intervals([tuple(samples.gaps(here, specification)), window])  # each stable throughout or nowhere
         return tuple(family.gaps(list(near), here, stable))
 
     # samples exclude no feasible gains: a tip that does not move when samples are refined is exact

@@ -353,7 +353,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     a, b = np.array(SHAPES)[kind].T
 
     def rise(found: Points, index: Indices) -> Floats:
-        """Slope over omega of ln|S|, ln|T| or ln|S - 1/2|, whichever has its peak on the piece, s."""
+        """Derivative with respect to omega of ln|S|, ln|T| or ln|S - 1/2|, whichever has its peak on the piece, s."""
         loop = found.loop()
         slope = (b - a)[index] * (found.size_slope + 1j * found.phase_slope)
         return np.asarray((slope * loop / ((1 + loop) * (a[index] + b[index] * loop))).real)

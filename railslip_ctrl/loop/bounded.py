@@ -189,7 +189,7 @@ class BoundedLoop(Loop):
         return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
 
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
-        """Loop-gain factors that put a pole on the stability boundary, each with its frequency, in this order."""
+        """Pairs of a loop-gain factor that puts a pole on the stability boundary, and its frequency, ascending."""
         sideways = np.where(response.real < 0, response.imag, np.nan)
         crossovers = self._roots(nodes, sideways, lambda value: value.imag)
         limits = list(zip((1 / np.abs(self.response(crossovers))).tolist(), crossovers.tolist(), strict=True))

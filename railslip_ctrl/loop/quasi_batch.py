@@ -148,7 +148,7 @@ def count_right(function: QuasiPolynomials) -> Floats:
 
 
 def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Complexes, Flags]:
-    """Function number, frequency and F of nodes from 0 to `top`, rad/s; and True for each function with a zero on it.
+    """Function number, frequency and F of nodes from 0 to `top`, rad/s; True for functions with a zero on the axis.
 
     From each node to the next F turns by less than 180 deg.
     """

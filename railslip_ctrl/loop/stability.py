@@ -50,7 +50,7 @@ class RootCount:
 
 
 def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> RootCount:
-    """Count the closed-loop poles with real part > `line` (1/s) of L = G exp(-dead_time s); inf if infinite."""
+    """Count the closed-loop poles of L = G exp(-dead_time s) with real part > `line` (1/s); inf for infinitely many."""
     if dead_time * line < -_FARTHEST:
         return RootCount(float("inf"), False)  # exp(-tau line) would overflow
     return root_count(_moved(Response(system, dead_time), line) if line else Response(system, dead_time))

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "e71da4d89d085271f0963f986bfda8761d97da80c51d283848dc6699aaf6b017"
+SOURCES_SHA256 = "7f7245c0a73e0b24e29aea6839db33af5d9892ede94d5d3a68d6119a40160cd3"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

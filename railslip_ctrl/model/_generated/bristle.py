@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "dd3db9951c0d9b88a9f12d002c78171365fd82157a12a1d0e933df3cfbb9c4b8"
+SOURCES_SHA256 = "b0628216fb9bb4a4a805e0e91c13bc356172e2a60c7b28097aa801406158f1e4"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "c1c6432683b5867084c3cae9fceb82cfea26ca7c413cdd8f37c5a2b9395921c8"
+SOURCES_SHA256 = "8e0cb6b546a13fdfd9788eea0be1dc0dd90fca783febbc80ce0546170b08fdaf"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "4bf3de14ee495c101498885b6305e4ad133791714480254004ca1393b37a1f1f"
+SOURCES_SHA256 = "f3f814599a1f3613bfc0fd8cd787130634834a81b4dbc5cbb39e06e588e1cc71"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

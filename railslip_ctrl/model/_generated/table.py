@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "ba6ba635acf41336aef9097608892a881fe73d18ab08d9dc63b0b729fcedde89"
+SOURCES_SHA256 = "d54e6c025d02ca15315c2b11d96fc318421f3fec8402e2fa0d9dc8c74575b5d6"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
