@@ -167,7 +167,7 @@ def laws_text() -> str:
         parts += [
             f"## `{name}`: {law.title}",
             "",
-            _prose(law.source) + ".",
+            f"Source: {_prose(law.source)}.",
             "",
             "| key | unit | meaning |",
             "|---|---|---|",
@@ -176,7 +176,7 @@ def laws_text() -> str:
             info = law.model_fields[key]
             extra = info.json_schema_extra
             unit = str(extra["unit"]) if isinstance(extra, dict) and "unit" in extra else ""
-            parts.append(f"| `{key}` | {_unit(unit)} | {_prose(info.description or 'see its docstring')} |")
+            parts.append(f"| `{key}` | {_unit(unit)} | {_prose(info.description or 'see the class')} |")
         parts.append("")
     return "\n".join(parts)
 
@@ -188,14 +188,14 @@ def controllers_text() -> str:
         parts += [
             f"## `{name}`: {kind.title}",
             "",
-            _prose(kind.source) + ".",
+            f"Source: {_prose(kind.source)}.",
             "",
             "| key | unit | meaning |",
             "|---|---|---|",
         ]
         for key, info in kind.model_fields.items():
             if key not in ("name", "reference"):
-                meaning = _prose(info.description or "see its docstring")
+                meaning = _prose(info.description or "see the class")
                 parts.append(f"| `{key}` | {_unit(kind.units().get(key, ''))} | {meaning} |")
         parts.append("")
     return "\n".join(parts)
