@@ -1,9 +1,9 @@
 """Which part of the published sliding-mode law controls the slip: feed-forward, gain or switching?
 
-The law is (45) of [Park2008] with the gains of Table 4 (ASMC, bristle column) in their inferred units. The equivalent
-control has the adhesion torque as feed-forward and (J/r) rho as proportional gain on e; D and K are the robust part.
-The script compares K with the least K of the reaching condition (40) for the published disturbances, at the reference
-and over the whole run, in SI and in the as-published reading (M, J and B times 3.6).
+The law is (45) of [Park2008] with the gains of Table 4 (ASMC, bristle column) in their inferred units. Its equivalent
+control is the adhesion torque as feed-forward plus a proportional gain (J/r) rho on the slip error e. D and K are the
+gains of the robust part. The script compares K with the smallest K that meets the reaching condition (40) under the
+published disturbances, at the reference and over the whole run, in SI and as published (M, J and B times 3.6).
 
     python designs/asmc_published.py [FOLDER for the picture]
 """
@@ -20,20 +20,20 @@ from railslip_ctrl import plots, reaching
 KMH = 1 / 3.6  # m/s
 SPEED = 100.0 * KMH  # m/s
 SLIP = 0.132  # dry reference, bristle column
-START = SLIP * SPEED  # m/s: s of a rolling wheel when the brake is applied
+START = SLIP * SPEED  # m/s: sliding variable s of a rolling wheel when the brake is applied
 
 
 @dataclass(frozen=True)
 class Reading:
-    """The law in one reading of the units.
+    """Numbers of the law in one reading of the units.
 
     - feed_forward: torque that holds the reference slip, N m
     - proportional_gain: gain (J/r) rho + D on e, N m/(m/s); `from_surface` is its part (J/r) rho
     - integral_gain: D rho, N m/m
     - pi_gain: Kp of the PI in Table 4, N m/(m/s)
     - K: gain of the switching term, N m
-    - least_K, least_K_run: least K by (40), N m, for disturbances of 1 and 3 sigma: at the reference slip and 100 km/h,
-      and over the whole run
+    - least_K, least_K_run: smallest K that meets (40), N m, for disturbances of 1 and 3 standard deviations: at the
+      reference slip and 100 km/h, and over the whole run
     - reaching_time: time from a rolling wheel to s = 0 without disturbances, s
     """
 
@@ -53,11 +53,11 @@ def read(inertia_scale: float) -> Reading:
     """Analyse one reading of the units."""
     vehicle = rs.PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     law = rs.law.PUBLISHED_LAW
-    # 1. Tb = Ueq + D s + K sgn s with s = e + rho int e: the gains on e and on its integral.
+    # 1. The gains on e and on its integral, from Tb = Ueq + D s + K sgn s with s = e + rho int e.
     surface = vehicle.effective_inertia / vehicle.wheel.radius * law.rho
     dry = rs.published_law("bristle", rs.Rail.DRY)
     held = rs.operating_point(dry, vehicle, SPEED, reaching.reference_slip(), rail=rs.Rail.DRY)
-    # 2. The least K of (40).
+    # 2. The smallest K that meets (40).
     least = [
         tuple(reaching.least_gain(vehicle, box(vehicle, sigmas=n)) for n in (1.0, 3.0))
         for box in (reaching.reference_set, reaching.operating_set)
@@ -82,7 +82,7 @@ def run() -> tuple[Reading, Reading]:
 
 
 def main() -> None:
-    """Print both readings; with a folder, draw K beside the least K of (40)."""
+    """Print both readings; with a folder, draw K beside the smallest K that meets (40)."""
     readings = run()
     for reading in readings:
         print(f"Inertia scale {reading.inertia_scale:g}")
@@ -95,14 +95,14 @@ def main() -> None:
         print(f"  K                                  {reading.K:9.1f} N m")
         for name, least in (("at e = 0", reading.least_K), ("whole run", reading.least_K_run)):
             print(f"  least K, {name:9}, 1 and 3 sigma  {least[0]:9.1f} and {least[1]:.1f} N m")
-        print(f"  time for s of free rolling to reach 0 {reading.reaching_time:6.1f} s, undisturbed")
-    print("The law is a feed-forward of adhesion with a proportional gain; K is far too small to make it slide.")
+        print(f"  time from a rolling wheel to s = 0 {reading.reaching_time:9.1f} s, undisturbed")
+    print("The law acts as a feed-forward of adhesion with a proportional gain; K is far too small to make it slide.")
     if len(sys.argv) > 1:
         draw(readings, Path(sys.argv[1]))
 
 
 def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
-    """Draw K of Table 4 beside the least K of (40), and the gains on the slip velocity error."""
+    """Draw K of Table 4 beside the smallest K that meets (40), and the gains on the slip velocity error."""
 
     figure = plots.style.new_figure(
         3.0, "ASMC of [Park2008] Table 4, bristle column: the gain K, and the gains on the slip velocity error"
@@ -124,7 +124,7 @@ def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
     switching.set_title("K, and the least K by (40)", fontsize=plots.style.TEXT)
     gains.set_title("Gains on the slip velocity error", fontsize=plots.style.TEXT)
     for axes in (switching, gains):
-        axes.margins(x=0.25)  # room for the printed numbers: the bar of D is too short to see
+        axes.margins(x=0.25)  # space for the printed numbers, because the bar of D is too short to see
         axes.grid(visible=False, axis="y")
         axes.invert_yaxis()
     plots.style.legend_of_figure(figure, gains, columns=2)

@@ -1,8 +1,8 @@
-"""How do the published PI, the best PI, known rules, PI-lead, Smith predictors and an observer compare?
+"""How do the published PI, the best PI, tuning rules, PI-lead, Smith predictors and an observer compare?
 
 Dry and wet rail, 100 km/h, bristle model, SI, the published actuator with its dead time exact. For each design the
-table has the margins of the true loop (not of a predictor's model), the noise gain and the torque rate. Unstable
-designs are in the table, with the reason below. The script also prints the limits of any controller.
+table has the margins of the true loop (not of a predictor's model), the noise gain and the torque rate. For an unstable
+design it has the reason. The script also prints the margins that no controller can exceed.
 
 The PI and the PI-lead have one gain set for both rails. The predictors, the observer and the rules are designed for
 each rail; on the other rail their margins are worse.
@@ -26,14 +26,14 @@ SPEED_KMH = 100.0
 KI_MIN = 5.0  # N*m/m
 ACTUATOR = PARK2008.actuator
 FEEDBACK_POLES = (-0.1, -1.0, -1.67, -8.6)  # 1/s: integrator, slip, actuator lag, bristles
-OBSERVER_POLES = (-30.0, -21.0, -8.6)
+OBSERVER_POLES = (-30.0, -21.0, -8.6)  # 1/s
 RULE_TIME = 1.0  # s, closed-loop time constant for the Rotstein-Lewin rule
 KMH = 1 / 3.6
 
 
 @dataclass(frozen=True)
 class Row:
-    """One design on one rail; if it is unstable, `margins` and `effort` are None and `reason` says why."""
+    """One design on one rail; if it is unstable, `margins` and `effort` are None and `reason` states the cause."""
 
     design: str
     rail: Rail
@@ -44,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Rows of the table, limits by rail, and for dry rail the step responses and the gangs of four."""
+    """Rows of the table, limits by rail, and for dry rail the step responses and gangs of four (S, T, PS and CS)."""
 
     rows: tuple[Row, ...]
     limits: dict[Rail, rs.limits.Limits]
@@ -58,12 +58,12 @@ class Comparison:
 
 
 def plants() -> dict[Rail, rs.Rational]:
-    """Return the system from commanded torque to slip velocity, without the dead time."""
+    """Return, by rail, the system from commanded torque to slip velocity, without the dead time."""
     return {rail: rs.actuated_plant(rs.plant_at("bristle", PARK2008, rail, SPEED_KMH), ACTUATOR) for rail in Rail}
 
 
 def best(both: list[rs.Rational], lead: float, lead_filter: float) -> PIController:
-    """Return the PI, behind a lead, with the smallest worst Ms over both plants."""
+    """Return the PI with a given lead that has the smallest worst Ms over both plants."""
     compensator = PIController(rs.PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     tuned = rs.tune_pi(both, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=compensator)
     return PIController(rs.PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter)
@@ -185,7 +185,7 @@ def main() -> None:
         if not text:
             if row.reason not in notes:
                 notes.append(row.reason)
-            text = f"does not hold ({notes.index(row.reason) + 1})"
+            text = f"no stable loop ({notes.index(row.reason) + 1})"
         print(f"{row.design:26s} {row.rail:4s} {text}")
     for number, note in enumerate(notes, start=1):
         print(f"({number}) {note}")

@@ -1,9 +1,9 @@
 """Which controller has the shortest stop, and how far is it from the bound?
 
-The published PI and sliding-mode law ([Park2008] Table 4), this project's PI with a lead on the brake's lag, its gain
-schedule, and a rule-based slide protection run the paper's scenario with the same seeds, as published (inertia scale
-3.6) and in SI. The bound has the highest adhesion at every moment, through the same actuator. The sliding-mode law also
-runs with the dry curve on wet rail, as a controller that does not know the rail.
+Compared are the published PI and sliding-mode law ([Park2008] Table 4), this project's PI-lead, its gain schedule, and
+a rule-based slide protection. They run the paper's scenario with the same seeds, as published (inertia scale 3.6) and
+in SI. The bound assumes the highest adhesion at every moment that the same actuator allows. The sliding-mode law also
+runs on wet rail with the adhesion curve of dry rail, as a controller that does not know the rail.
 
     python designs/compare_runs.py [FOLDER for the picture]
 """
@@ -25,7 +25,7 @@ SEEDS = range(32)
 
 @dataclass(frozen=True)
 class WorstMargins:
-    """Worst margins of a linear controller over the vehicle's design points; valid if no point is unstable."""
+    """Worst margins of a linear controller over the operating points of a vehicle; valid if no point is unstable."""
 
     name: str
     unstable_points: int
@@ -92,7 +92,7 @@ def run(seeds: range = SEEDS) -> Comparison:
 def margins_text(rows: tuple[WorstMargins, ...]) -> str:
     """Return a table of the worst margins, with a note."""
     lines = [
-        "Margins, dead time exact, worst over rails, laws, loads and speeds of the designs",
+        "Margins, dead time exact, worst case over rails, laws, loads and speeds",
         f"{'':20s} {'unstable':>8s} {'Ms':>7s} {'gain x':>7s} {'phase, deg':>10s} {'delay, s':>8s}",
     ]
     for row in rows:

@@ -1,12 +1,12 @@
 """Is a controller that is designed only from a log robust on the true adhesion law?
 
 The steps are observer, fit, operating points, robust design, margins and braking runs. The vehicle is a Siemens Desiro
-Classic (railtoolkit/rolling-stock-data, CC BY 4.0), and the virtual rig writes the log for its wheel. The design uses
-only the log, and must be robust for every law within the uncertainty of the fit.
+Classic (railtoolkit/rolling-stock-data, CC BY 4.0), and a simulated brake rig writes the log for its wheel. The design
+uses only the log, and must be robust for every law within the uncertainty of the fit.
 
-The brake starts at a torque within the adhesion of the dry rail. Wet rail has half of this adhesion. The brake reacts
-0.75 s late, so no command can prevent a lock when the rail turns wet. The design is judged by the time until the wheel
-rolls again, and by the whole stop.
+The brake starts at a torque that dry rail supports. Wet rail has half of this adhesion. The brake reacts after 0.75 s,
+so no command can prevent a lock when the rail turns wet. The design is judged by the time until the wheel rolls again,
+and by the whole stop.
 
     python designs/from_log.py [FOLDER for the log, the fitted model and the pictures]
 """
@@ -29,14 +29,14 @@ TRUE_LAW = adhesion.law_class("burckhardt").model_validate(
     {"c1": 0.31, "c2": 24.0, "c3": 0.11}
 )  # used by the rig, unknown to the design
 INITIAL_SPEED = 100.0 * KMH
-RANDOM_SHARE = 431.0 / 34_500.0  # of the wheel load: [Park2008]'s random adhesion force
+RANDOM_SHARE = 431.0 / 34_500.0  # random adhesion force of [Park2008], as a share of the wheel load
 TESTS = 12
 SPEEDS_KMH = (10.0, 30.0, 100.0)
-HELD_SHARE = 0.98  # share of the peak adhesion at the reference slip: at the peak a small disturbance starts a slide
+HELD_SHARE = 0.98  # adhesion at the reference slip over peak adhesion: at the peak a small disturbance starts a slide
 MS_MAX = 2.0  # the upper end of what [Astrom1998] calls reasonable
 INITIAL_SHARE = 0.9  # share of the torque that the weakest law within the uncertainty allows at the reference slip
-FALLING = 1.5  # ratio to the reference slip, beyond the peak; the first filling of the brake comes near this slip
-LEAD_FILTER = 0.1  # ratio of the filter to the lead's time constant, which is the actuator's lag
+FALLING = 1.5  # slip beyond the peak over reference slip; the slip comes near it when the brake first fills
+LEAD_FILTER = 0.1  # time constant of the filter over that of the lead, which is the actuator's lag
 PERIOD = 0.02  # s, of the controller
 RAIN = 5.0  # s after the brake is applied
 SEEDS = (0, 1, 2)
@@ -54,7 +54,7 @@ class FromLog:
     controller: PIController
     true_margins: tuple[rs.Margins, ...]  # with the true law
     runs: tuple[rs.Run, ...]  # with the true law
-    slowest_falling: float  # km/h, lowest speed at which the loop is stable beyond the peak for all those laws
+    slowest_falling: float  # km/h, lowest speed at which the loop is stable beyond the peak for all laws
 
 
 def rig_log(vehicle: rs.Vehicle, path: Path) -> Path:
@@ -103,7 +103,7 @@ def operating_plants(
 
 
 def run(folder: Path | None = None) -> FromLog:
-    """Go from the log to the runs; the log is written to `folder` or to a temporary one."""
+    """Compute all steps from the log to the runs; the log is written to `folder` or to a temporary folder."""
     vehicle = rs.load_vehicle(VEHICLE)
     # 1. The log, and the laws fitted to it.
     with tempfile.TemporaryDirectory() as scratch:
@@ -146,7 +146,7 @@ def past_peak(law: adhesion.AdhesionLaw, vehicle: rs.Vehicle, held: rs.Reference
 
 
 def initial_torque(laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, held: rs.ReferenceSlip) -> float:
-    """Return a torque within the adhesion of the dry rail for all laws, N*m."""
+    """Return a torque, N*m, that dry rail supports with every law."""
     takes = [float(numeric.adhesion_coefficient(law, INITIAL_SPEED, held.dry, vehicle.wheel_load)) for law in laws]
     return INITIAL_SHARE * min(takes) * vehicle.wheel_load * vehicle.wheel.radius
 
@@ -165,7 +165,7 @@ def slowest_falling(
 
 
 def extremes(plants: tuple[rs.LinearPlant, ...]) -> list[rs.LinearPlant]:
-    """Return the plants r/J/(s - p) with the smallest and the largest pole p, and some between."""
+    """Return the plants r/J/(s - p) with the smallest and the largest pole p, and up to seven between them."""
     by_pole = sorted(plants, key=lambda plant: float(plant.poles[0].real))
     return [by_pole[i] for i in np.unique(np.linspace(0, len(by_pole) - 1, 9).astype(int))]
 
@@ -173,7 +173,7 @@ def extremes(plants: tuple[rs.LinearPlant, ...]) -> list[rs.LinearPlant]:
 def braking(vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSlip, begin: float) -> rs.Simulator:
     """Return the simulator of a stop from 100 km/h on the true law; the rail turns wet during the stop.
 
-    `begin` is the first torque, N*m. The tracking time of the anti-windup is kp/ki, that of the integral.
+    `begin` is the first torque, N*m. The tracking time of the anti-windup is kp/ki, the integral time of the PI.
     """
     scenario = rs.Scenario(
         name="from-log",
@@ -183,7 +183,7 @@ def braking(vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSli
         events=(rs.Event(time=RAIN, rail=Rail.WET),),
         disturbances=rs.Disturbances(random_force=RANDOM_SHARE * vehicle.wheel_load),
     )
-    limit = vehicle.wheel.radius * vehicle.wheel_load  # an adhesion coefficient of 1, more than any rail has
+    limit = vehicle.wheel.radius * vehicle.wheel_load  # torque at an adhesion coefficient of 1, which no rail reaches
     control = rs.linear_control(
         controller,
         reference=held,
@@ -213,7 +213,7 @@ def main() -> None:
     print(f"PI-lead: kp {result.design.kp:.4g} N*m/(m/s), ki {result.design.ki:.4g} N*m/m, Ms <= {MS_MAX:g} on all.")
     print(f"On the true law the worst Ms is {max(m.ms for m in result.true_margins):.4g}.")
     print(
-        f"Past the peak, at slip {FALLING * held.dry:.2g}, the loop is stable down to {result.slowest_falling:.0f} "
+        f"Beyond the peak, at slip {FALLING * held.dry:.2g}, the loop is stable down to {result.slowest_falling:.0f} "
         "km/h, for every law within the uncertainty."
     )
     for run_ in result.runs:

@@ -1,8 +1,8 @@
-"""How much margin can a PI leave on dry rail, and with which gains?
+"""How large can the margins of a PI be on dry rail, and with which gains?
 
-At 100 km/h and the published reference slip the dry-rail plant has an unstable pole near 0.8 1/s, behind an actuator
-with 0.6 s of lag and 0.15 s of dead time. The crossover is where the phase of the loop is largest. The integral corner
-lies far below, where it costs little phase.
+At 100 km/h and the published reference slip the dry-rail plant has an unstable pole near 0.8 1/s. The actuator in
+series has a lag of 0.6 s and a dead time of 0.15 s. The crossover is placed where the phase of the loop is largest. The
+corner frequency ki/kp of the PI lies far below, where the integral costs little phase.
 
     python designs/pi_dry.py [FOLDER for the picture]
 """
@@ -16,14 +16,14 @@ from pathlib import Path
 import railslip_ctrl as rs
 
 SPEED = 100 / 3.6  # m/s
-CORNER = 1 / 25  # the integral corner ki/kp over the crossover: 1/25 costs atan(1/25) = 2.3 deg of phase
+CORNER = 1 / 25  # corner frequency ki/kp over the crossover: 1/25 costs atan(1/25) = 2.3 deg of phase
 
 
 @dataclass(frozen=True)
 class DryDesign:
     """Results of the steps of `run`, in their order."""
 
-    proportional_range: tuple[float, float]  # kp that stabilises without ki, N*m/(m/s)
+    proportional_range: tuple[float, float]  # kp that stabilises the loop with ki = 0, N*m/(m/s)
     crossover: float  # rad/s
     shaped: rs.Assessment
     rounded: rs.Assessment  # rounded gains: kp 190, ki 5
@@ -31,14 +31,14 @@ class DryDesign:
 
 def run() -> DryDesign:
     """Design the PI step by step."""
-    # 1. The plant at the reference slip, speed frozen, and the actuator's lag behind it.
+    # 1. The plant at the reference slip, at constant speed, in series with the actuator's lag.
     law = rs.published_law("bristle", rs.Rail.DRY)
     point = rs.operating_point(law, rs.PARK2008, SPEED, law.reference_slip(rs.Rail.DRY), rail=rs.Rail.DRY)
     plant = rs.linearize(point)
     actuator = rs.PARK2008.actuator
     loop = rs.DeadTimeLoop(rs.actuated_plant(plant, actuator), actuator.dead_time)
 
-    # 2. Which proportional gains stabilise? The unstable pole sets the smallest gain, the dead time the largest.
+    # 2. The range of stabilising kp: the unstable pole sets the smallest gain, the dead time the largest.
     proportional_range = loop.stabilizing_gain_range
     assert proportional_range is not None
 
@@ -46,7 +46,7 @@ def run() -> DryDesign:
     crossover, _phase = rs.most_phase(loop)
     kp = rs.gain_for_crossover(loop, crossover)
 
-    # 4. The integral corner is well below the crossover.
+    # 4. The corner frequency ki/kp is well below the crossover.
     ki = kp * crossover * CORNER
 
     # 5. Check this loop, and the loop with rounded gains.

@@ -1,6 +1,6 @@
-"""How much robustness does a lead on the brake's lag give, and what does it cost in noise?
+"""How much robustness does a lead that cancels the brake's lag give, and how much noise does it add?
 
-The pneumatic lag of 0.6 s makes a PI alone fragile. A lead (0.6 s + 1)/(0.06 s + 1) cancels most of the lag and
+The pneumatic lag of 0.6 s makes a PI without lead fragile. A lead (0.6 s + 1)/(0.06 s + 1) cancels most of the lag and
 raises the gain at high frequency tenfold. One gain set then has Ms below 1.5 at twelve operating points. A smaller time
 constant of the filter gives more robustness and more noise of the torque.
 
@@ -18,13 +18,13 @@ from railslip_ctrl import PARK2008, PIController, PIGains, Rail, assessment, plo
 
 ACTUATOR = PARK2008.actuator
 KI_MIN = 5.0  # N*m/m
-DELAY_SHARE = 0.05  # share of the delay margin that the hold of the sampling period uses
+DELAY_SHARE = 0.05  # share of the delay margin that the zero-order hold uses
 FILTERS = (0.02, 0.06, 0.12, 0.2, 0.3)  # s
 
 
 @dataclass(frozen=True)
 class LeadDesign:
-    """Results: optimum, variation of the filter, sampled loop, sweeps."""
+    """Results: optimum, optima with other filters, sampled loop, sweeps over speed and slip."""
 
     design: tuning.PIDesign
     controller: PIController
@@ -48,7 +48,7 @@ def tune(lead_filter: float) -> tuning.PIDesign:
 
 
 def run() -> LeadDesign:
-    """Compute optimum, variation of the filter, sampled loop and sweeps."""
+    """Compute the optimum, the optima with other filters, the sampled loop and the sweeps."""
     by_filter = {lead_filter: tune(lead_filter) for lead_filter in FILTERS}
     design = by_filter[0.06]
     controller = PIController(PIGains(kp=design.kp, ki=design.ki), ACTUATOR.lag, 0.06)

@@ -1,7 +1,7 @@
 """Do the published PI gains stabilise the loop?
 
-[Park2008] Table 4 prints its gains in "N-h" and "N"; they work only as N*m per km/h. This script converts them to SI
-and checks the loop at 100 km/h on dry and wet rail, with the actuator of p. 55 and its dead time exact. It does so in
+[Park2008] Table 4 prints its gains in "N-h" and "N"; only the reading as N*m per km/h works. This script converts them
+to SI and checks the loop at 100 km/h on dry and wet rail, with the actuator of p. 55 and its dead time exact, in
 SI and in the as-published reading (M, J and B times 3.6), which reproduces the paper's results.
 
     python designs/pi_published.py [FOLDER for the pictures]
@@ -48,7 +48,7 @@ def run() -> PublishedCheck:
 
 
 def main() -> None:
-    """Print the margin reports; with a folder, draw Bode, Nyquist and Nichols."""
+    """Print the margin reports; with a folder, draw Bode, Nyquist and Nichols diagrams."""
     result = run()
     for title, found in (("IN SI", result.si), ("AS PUBLISHED (M, J and B times 3.6)", result.as_published)):
         print(f"{title}\n", *found.values(), sep="\n")
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def draw(result: PublishedCheck, folder: Path) -> None:
-    """Bode, Nyquist and Nichols of both readings."""
+    """Draw the Bode, Nyquist and Nichols diagrams of both readings."""
     plots, folder = rs.plots, Path(folder)
     groups = tuple(
         rs.assessment.controller_group(f"Table 4, {name}", tuple(found.values()))

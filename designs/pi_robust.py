@@ -1,4 +1,4 @@
-"""Which single PI has the least worst Ms at twelve operating points, and what can it not do?
+"""Which single PI has the smallest worst Ms at twelve operating points, and where does it fail?
 
 Dry and wet rail, 20, 60 and 100 km/h, 3517 and 5276 kg, bristle model, v0 = 100 km/h, the published actuator,
 ki >= 5 N*m/m. The script compares the PI with the limits of the plant, and checks it with the actuator's tolerance and
@@ -38,10 +38,10 @@ def run() -> RobustPI:
     plants = [rs.actuated_plant(plant, ENVELOPE.vehicle.actuator) for plant in points.plants]
     # 1. Every PI that stabilises all twelve points: the intersection of the exact sets.
     region = rs.intersection([rs.stabilizing_pi(plant, dead_time=DEAD_TIME) for plant in plants])
-    # 2. The least worst Ms, at ki = 5 and as ki vanishes.
+    # 2. The smallest worst Ms, for ki >= 5 N*m/m and for a vanishing ki.
     design = rs.tune_pi(plants, DEAD_TIME, minimise_ms=True, ki_min=KI_MIN)
     limit = rs.tune_pi(plants, DEAD_TIME, minimise_ms=True, ki_min=1e-6)
-    # 3. Its verdict over slip, actuator tolerance and speed, and on another adhesion law.
+    # 3. The verdict over slip, actuator tolerance and speed, also with another adhesion law.
     controller = rs.PIController(rs.PIGains(kp=design.kp, ki=design.ki))
     return RobustPI(
         design=design,
@@ -58,7 +58,7 @@ def main() -> None:
     assert result.region.kp_range is not None
     low, high = result.region.kp_range
     print(f"PI stabilises all twelve points for kp in ({low:.4g}, {high:.4g}) N*m/(m/s).")
-    print(f"Least worst Ms with ki >= {KI_MIN:g}: {result.design.worst.ms:.4g} at kp = {result.design.kp:.4g};")
+    print(f"Smallest worst Ms with ki >= {KI_MIN:g}: {result.design.worst.ms:.4g} at kp = {result.design.kp:.4g};")
     print(f"as ki vanishes {result.least_without_integral:.4g}: a PI alone is fragile at its best.")
     for name, judged in (("bristle model", result.bristle), ("bristle model and curve", result.all_laws)):
         print(f"Over the envelope, {name}: {100 * judged.stable.mean():.1f} % of the loops stable")
@@ -70,7 +70,7 @@ def main() -> None:
 def draw(result: RobustPI, folder: Path) -> None:
     """Draw the stabilising region with contours and the chosen point."""
     folder.mkdir(parents=True, exist_ok=True)
-    chosen = {f"least worst Ms ({result.design.worst.ms:.3g})": (result.design.kp, result.design.ki)}
+    chosen = {f"smallest worst Ms ({result.design.worst.ms:.3g})": (result.design.kp, result.design.ki)}
     result.region.plot(chosen).savefig(folder / "pi_robust_region.png")
 
 

@@ -30,8 +30,8 @@ class ScheduledDesign:
     schedule: rs.schedule.GainSchedule
     single: rs.Judgement
     single_suffices: bool
-    lowest_pi: float  # km/h, any PI, falling curve, dry
-    lowest_lead: float  # km/h, any PI behind the lead
+    lowest_pi: float  # km/h, any PI, dry rail, law `curve`
+    lowest_lead: float  # km/h, any PI with the lead
     lowest_single: float  # km/h, this gain set
 
 
@@ -63,11 +63,9 @@ def main() -> None:
     word = "suffices" if result.single_suffices else "does not suffice"
     print(f"\nOne gain set (kp 229.4, ki 5) {word} for Ms <= {MS_MAX}: worst Ms {result.single.ms.max():.4g}.")
     print("With the schedule the same Ms allows many times the ki.")
-    print(f"Dry, static curve: any PI holds the loop down to {result.lowest_pi:.3g} km/h, any PI behind the lead to")
-    print(
-        f"{result.lowest_lead:.3g} km/h, this gain set to {result.lowest_single:.3g} km/h; cut slip control out below."
-    )
-    print(f"The schedule itself: worst Ms {result.schedule.worst_ms:.4g} between its entries, held down to", end=" ")
+    print(f"Dry, static curve: a PI can stabilise the loop down to {result.lowest_pi:.3g} km/h, a PI with lead to")
+    print(f"{result.lowest_lead:.3g} km/h, this gain set to {result.lowest_single:.3g} km/h; below, hand over.")
+    print(f"The schedule itself: worst Ms {result.schedule.worst_ms:.4g} between its entries, stable down to", end=" ")
     print(f"{result.schedule.lowest_speed_kmh:.3g} km/h on the bristle model.")
     if len(sys.argv) > 1:
         folder = Path(sys.argv[1])

@@ -15,12 +15,12 @@ from pathlib import Path
 import railslip_ctrl as rs
 
 SPEED = 100 / 3.6  # m/s
-CORNER = 1 / 25  # ratio of the integral corner to the crossover, as in pi_dry.py
+CORNER = 1 / 25  # corner frequency ki/kp over the crossover, as in pi_dry.py
 
 
 @dataclass(frozen=True)
 class WetDesign:
-    """The PI shaped for wet rail, assessed on both rails, and the PI with the least worst Ms on both."""
+    """The PI shaped for wet rail, assessed on both rails, and the PI with the smallest worst Ms on both."""
 
     wet: rs.Assessment
     same_on_dry: rs.Assessment
@@ -37,7 +37,7 @@ def run() -> WetDesign:
     """Design the PI step by step."""
     actuator = rs.PARK2008.actuator
     wet, dry = plant_on(rs.Rail.WET), plant_on(rs.Rail.DRY)
-    # 1. The crossover where the phase of the wet loop is largest, and the integral corner below it.
+    # 1. The crossover where the phase of the wet loop is largest, and ki/kp well below it.
     loop = rs.DeadTimeLoop(rs.actuated_plant(wet, actuator), actuator.dead_time)
     crossover, _phase = rs.most_phase(loop)
     kp = rs.gain_for_crossover(loop, crossover)

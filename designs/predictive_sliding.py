@@ -1,11 +1,10 @@
-"""Does the predictive sliding-mode law slide behind the brake, and what is proved of it?
+"""Does the predictive sliding-mode law slide with a real brake, and what is proved about it?
 
 The published vehicle, in SI, holds its reference slips; on dry rail the reference is beyond the peak. Rules give the
-gains. The loop of the boundary layer is exact. The conditions are decided without noise, for slips near the reference
-and speeds from 60 km/h. The theory page "Sliding-mode laws" derives the law.
+gains. The loop inside the boundary layer is analysed exactly. The stability conditions are decided without noise, for
+slips near the reference and speeds from 60 km/h up. The theory page "Sliding-mode laws" derives the law.
 
-On dry rail noise locks the wheel at the end of the stop, at speeds that the proof and the certified release do not
-cover.
+On dry rail, noise locks the wheel at the end of the stop, at speeds that the proof and the no-lock region do not cover.
 
     python designs/predictive_sliding.py [FOLDER for the pictures]
 """
@@ -24,14 +23,14 @@ from railslip_ctrl import no_lock, plots, predictive
 
 VEHICLE, LAW, RAILS = rs.PARK2008, "curve", ("dry", "wet")
 KMH = 1 / 3.6  # m/s
-SPEEDS_KMH = np.array([100.0, 80.0, 60.0, 40.0, 25.0])  # of the certified region
+SPEEDS_KMH = np.array([100.0, 80.0, 60.0, 40.0, 25.0])  # of the no-lock region
 SLIPS = np.linspace(0.0, 0.36, 13)
 SEED = 0
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A stop from 100 to 5 km/h without and with noise, the no-lock region, and the noisy run against this region."""
+    """A stop from 100 to 5 km/h without and with noise, the no-lock region, and the samples of the noisy run in it."""
 
     rail: str
     runs: tuple[rs.Run, rs.Run]
@@ -41,7 +40,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class Design:
-    """The law with its gains, the verdict on its layer, the conditions over the box, and its stops."""
+    """The law with its gains, the verdict on the loop in its layer, the stability conditions, and the stops."""
 
     control: rs.Predictive
     judgement: rs.Judgement
@@ -50,10 +49,10 @@ class Design:
 
 
 def run() -> Design:
-    """Go from the vehicle to the stops."""
+    """Compute gains, verdict, conditions and stops from the vehicle."""
     # 1. The gains: kappa 0.27/theta, k 0.3/theta, K 0.23 N r/(theta + T), phi 0.75 theta K, observer 0.34 theta.
     control = rs.Predictive.for_vehicle(VEHICLE)
-    # 2. The exact loop within the layer, at every operating point, with the tolerances of the brake.
+    # 2. The exact loop inside the boundary layer, at every operating point, with the tolerances of the brake.
     judgement = rs.judge(rs.Envelope(VEHICLE, laws=LAW), control)
     # 3. The conditions of the sliding mode, over a box of speed, slip and load, by interval arithmetic.
     proof = predictive.verify_predictive(VEHICLE, predictive.RailAdhesion(LAW))
@@ -112,7 +111,7 @@ def draw(design: Design, folder: Path) -> None:
         low.plot(seen.signals.time, seen.signals.reference, color="black", linestyle=":")
         for ax, label in ((top, "surface S (kN·m)"), (low, "slip ratio λ (-)")):
             at, look = seen.signals.time[np.argmax(seen.signals.speed < proved)], {"color": "black", "linestyle": "--"}
-            ax.axvline(at, label="from here slower than the largest box of the proof", **look)
+            ax.axvline(at, label="below the lowest speed of the proof", **look)
             ax.set(ylabel=label, xlabel="time (s)")
             ax.label_outer()
         top.set_title(f"{stop.rail} rail", fontsize=plots.style.TEXT)

@@ -2,7 +2,7 @@
 
 The published vehicle, in SI. Rules give the gains from wheel and brake. The loop is judged with every tolerance at the
 slip that the controller finds, and its stops are compared with the bound. The theory page "A controller that seeks
-the peak" has the parts and their equations.
+the peak" explains its parts and their equations.
 
     python designs/seeking.py [FOLDER for the picture]
 """
@@ -52,7 +52,7 @@ def run() -> Design:
     """Compute gains, verdict, certificate and stops from the vehicle."""
     # 1. The gains: kappa 0.27/theta, k 0.3/theta, K 0.23 N r/(theta + T), observer 0.34 theta, deceleration 0.52 theta.
     control = rs.Seeking.for_vehicle(VEHICLE)
-    # 2. The exact loop at every point, with the delays of the brake and of its model, which differ by the tolerance.
+    # 2. The exact loop at every operating point; the delays of brake and model differ by the tolerance.
     judgement = rs.judge(ENVELOPE, control)
     # 3. Certified bounds of Ms at the worst point, by ball arithmetic.
     certificate = judgement.worst.loop.certificate()
@@ -81,7 +81,7 @@ def main() -> None:
     )
     print(design.judgement)
     print(f"Worst operating point, certified: Ms in [{design.certified_ms[0]:.10f}, {design.certified_ms[1]:.10f}]")
-    print("law      rail   bound   attainable   seeking   over it   highest slip")
+    print("law      rail   bound   attainable   seeking    excess   highest slip")
     for row in design.rows:
         over = 100 * (row.distance / row.attainable - 1)
         print(

@@ -30,7 +30,7 @@ myst_heading_anchors = 3
 myst_links_external_new_tab = False
 suppress_warnings = [
     "myst.header",  # an included file may begin below the first heading level
-    "ref.python",  # a name in backticks that several records have is not linked
+    "ref.python",  # a name in backticks that belongs to several records is not linked
 ]
 
 autodoc_default_options = {

@@ -1,7 +1,7 @@
 """Equations (1) to (49) of [Park2008] in the order of the paper, read from the code that states or derives them.
 
 Each equation is in the form of the package. If the print differs, its erratum (`railslip_ctrl.paper.errata`) follows.
-This module itself states only formulas that the package does not use: (1), (26), (29), (34), (38), and (7) and (8) of
+This module itself contains only formulas that the package does not use: (1), (26), (29), (34), (38), and (7) and (8) of
 the beam model. `tests/test_docs.py` integrates (7) and (8) and compares with `adhesion.beam.integrated_force`.
 """
 
@@ -48,7 +48,7 @@ class Equation:
     """One numbered equation in the form of the package.
 
     `lines` are LaTeX, one formula each. `home` is the object of the package that states or derives the equation, or
-    empty. `note` tells a reader of the paper about a difference.
+    empty. `note` states a difference from the paper.
     """
 
     number: int
@@ -62,7 +62,7 @@ class Equation:
         return [row for row in rows if self.number in numbers_in(row.where)]
 
     def prints(self, row: Erratum) -> bool:
-        """True if the printed formula of an erratum is a form of this equation only."""
+        """True if the printed formula of an erratum belongs to this equation only."""
         alone = re.fullmatch(rf"\({self.number}\)(, .*)?", row.where) is not None
         return alone or _PRINTED_IN.get(row.where) == self.number
 
@@ -109,15 +109,15 @@ def plant_equations() -> list[Equation]:
             "wheel",
             (_eq(plant.WHEEL), _eq(plant.ADHESION_TORQUE)),
             home,
-            "The paper adds the random adhesion torque $T_r$ in (35); here the plant has it from the start.",
+            "The paper adds the random adhesion torque $T_r$ only in (35); here it is part of the plant.",
         ),
         Equation(
             4,
             "train",
             (_eq(plant.TRAIN), _eq(plant.RESISTANCE)),
             home,
-            "$F_r$ is the travelling resistance. The paper adds the random force, $T_r/r$, in (35); here it is in the "
-            "plant from the start.",
+            "$F_r$ is the travelling resistance. The paper adds the random force, $T_r/r$, only in (35); here "
+            "it is part of the plant.",
         ),
     ]
 
@@ -145,7 +145,7 @@ def beam_parts() -> BeamParts:
 
 
 def beam_force_in_u() -> sp.Expr:
-    """Return the integrated (10) with u = Kx lambda/(3 mu_max N), sigma > 0."""
+    """Return the adhesion force (10) as a function of u = Kx lambda/(3 mu_max N), for sigma > 0."""
     mu_max, _a, Kx = Beam.symbols()
     u, N = sp.Symbol("u", positive=True), symbol("N")
     force = sp.expand(integrated_force().subs(plant.v, Kx * plant.sigma / (3 * mu_max * N * u)))
@@ -167,14 +167,14 @@ def beam_equations() -> list[Equation]:
         Equation(5, "contact pressure", (_is("p", parts.pressure),), f"{home}.integrated_force"),
         Equation(6, "force per length", branches, f"{home}.integrated_force"),
         Equation(7, "friction where the footprint slides", (_is(r"\mu_d", parts.mu_d),), f"{home}.integrated_force"),
-        Equation(8, "length that sticks", (_is("l_h", parts.sticking),), f"{home}.integrated_force"),
+        Equation(8, "length of the sticking part", (_is("l_h", parts.sticking),), f"{home}.integrated_force"),
         Equation(9, "travelling stiffness", (_is("K_x", parts.stiffness),), f"{home}.integrated_force"),
         Equation(
             10,
             "adhesion force",
             (_is("F_a", beam_force_in_u()), _is("u", share)),
             f"{home}.Beam",
-            r"For $u \le 1$. Beyond it the whole footprint slides; the paper does not treat this case: "
+            r"For $u \le 1$. For larger $u$ the whole footprint slides, which the paper does not treat: "
             rf"$F_a = {tex(Beam.statement().force.args[1][0])}$.",
         ),
     ]
@@ -188,17 +188,17 @@ def dynamic_equations() -> list[Equation]:
         statement, home = law.statement(), f"{law.__module__}.{law.__name__}"
         rate, force = _is(r"\dot z", statement.state_rate), _is("F_a", _in_the_rate(statement))
         if name == "dahl":
-            rows += [Equation(first, f"{law.title}: state", (rate,), home), Equation(12, "force", (force,), home)]
+            rows += [Equation(first, f"{law.title}: state", (rate,), home), Equation(12, "Dahl force", (force,), home)]
             continue
         alpha = law.symbols()[0]
         stribeck = sp.simplify((statement.steady_state * alpha).subs(plant.sigma, _positive()))
         g = _is(r"g(\sigma)", stribeck.subs(_positive(), sp.Abs(plant.sigma)))
         rows += [
             Equation(
-                first, f"{law.title}: state", (rate,), home, r"The fraction's denominator is $g(\sigma)$ of the next."
+                first, f"{law.title}: state", (rate,), home, r"The denominator is $g(\sigma)$ of the next equation."
             ),
-            Equation(first + 1, "Stribeck curve", (g,), home),
-            Equation(first + 2, "force", (force,), home, r"$\dot z$ as above."),
+            Equation(first + 1, f"{law.title}: Stribeck curve", (g,), home),
+            Equation(first + 2, f"{law.title}: force", (force,), home, rf"With $\dot z$ from ({first})."),
         ]
     return rows
 
@@ -225,20 +225,20 @@ def bristle_equations() -> list[Equation]:
     along = sp.factor(sp.expand(alpha * along))
     coefficients = (printed.vs / (printed.Fs - printed.Fc), printed.Fs * printed.vs / (printed.Fs - printed.Fc))
     return [
-        Equation(19, "force along the slip path", (_is(r"\frac{\mathrm{d}F_a}{\mathrm{d}x}", along),), home),
+        Equation(19, "rate of the force over the slip path", (_is(r"\frac{\mathrm{d}F_a}{\mathrm{d}x}", along),), home),
         Equation(20, "force of the bristles", (_is("F_a", statement.force),), home),
-        Equation(21, "force in time", (_is(r"\dot F_a", alpha * sp.Symbol(r"\dot{z}")),), home),
+        Equation(21, "rate of the force in time", (_is(r"\dot F_a", alpha * sp.Symbol(r"\dot{z}")),), home),
         Equation(
             22,
             "state",
             (_is(r"\dot z", statement.state_rate),),
             home,
-            r"The print has $\sigma$ for $|\sigma|$, with which it would diverge for $\sigma < 0$.",
+            r"The print has $\sigma$ instead of $|\sigma|$; with it $z$ would diverge for $\sigma < 0$.",
         ),
         Equation(23, "Stribeck curve, linear", (_is(r"g(\sigma)", printed.bristle_g),), home),
         Equation(
             24,
-            "its inverse",
+            "inverse of the Stribeck curve",
             (_is(r"h(\sigma)", h), _is(r"\beta", coefficients[0]), _is(r"\gamma", coefficients[1])),
             home,
         ),
@@ -251,14 +251,14 @@ def observer_equations() -> list[Equation]:
     hat, rate = sliding_symbol("Ta_hat"), printed.laplace * plant.omega
     return [
         Equation(25, "adhesion torque from the wheel", (_is("T_a", torque),), f"{home}.adhesion_torque"),
-        Equation(26, "the same in s", (_is("T_a", torque.subs(plant.omega_rate, rate)),), home),
+        Equation(26, "adhesion torque, Laplace domain", (_is("T_a", torque.subs(plant.omega_rate, rate)),), home),
         Equation(27, "observer", (_is(r"\hat T_a", corrected_observer()),), f"{home}.corrected_observer"),
         Equation(
             28,
             "observer without a derivative",
             (_is(r"\hat T_a", printed.observer_without_derivative),),
             "railslip_ctrl.paper.printed",
-            "As printed. It equals (27) as printed and has the same error.",
+            "This is the printed form. It equals the printed (27) and has the same error.",
         ),
         Equation(
             29,
@@ -300,7 +300,7 @@ def surface_equations(d: Derivation) -> list[Equation]:
         Equation(34, "brake torque", (_is("T_b", sp.Add(Ueq, Ur, evaluate=False)),), home),
         Equation(35, "rate of the sliding variable", (_is(r"\dot s", d.s_rate),), home),
         Equation(36, "equivalent control", (_is("U_{eq}", d.equivalent_control),), home),
-        Equation(37, "rate without the equivalent control", (_is(r"\dot s", d.reaching),), home),
+        Equation(37, "rate of the sliding variable under the equivalent control", (_is(r"\dot s", d.reaching),), home),
     ]
 
 
@@ -343,9 +343,9 @@ def adaptive_equations(d: Derivation) -> list[Equation]:
         Equation(44, "unknown coefficients", (*theta, _is(r"\phi", sp.Matrix(d.phi))), home),
         Equation(45, "adaptive control law", (_is("T_b", d.adaptive_law_control),), home),
         Equation(46, "Lyapunov function", (_is("V", d.V),), home, "With the scalar gain of the paper."),
-        Equation(47, "its rate", (_is(r"\dot V", d.V_rate),), home),
-        Equation(48, "its rate under the law", (_is(r"\dot V", d.V_rate_final),), home),
-        Equation(49, "adaptation", tuple(rates), home, "A gain for each component, so that the units are right."),
+        Equation(47, "rate of the Lyapunov function", (_is(r"\dot V", d.V_rate),), home),
+        Equation(48, "rate of the Lyapunov function under the law", (_is(r"\dot V", d.V_rate_final),), home),
+        Equation(49, "adaptation", tuple(rates), home, "With one gain for each component, so that the units agree."),
     ]
 
 

@@ -21,7 +21,7 @@ from pages import ROOT, package_digest
 
 FOLDERS = ("designs", "analysis")
 THUMBNAIL = (480, 360)
-"""Largest width and height, pixels, of a picture on the first page of the gallery."""
+"""Largest width and height, pixels, of a picture on the overview page of the gallery."""
 
 NUMBERS = {
     **{"RUNS": "200", "SEEDS": "16", "CURVES": "8", "FIRST": "0", "SPREAD": "0"},
@@ -103,7 +103,7 @@ def write_gallery(folder: Path, *, run: bool) -> None:
         script.folder.mkdir(parents=True, exist_ok=True)
     if run:
         stale = [script for script in every if not script.fresh]
-        # one process of one thread for each processor
+        # one process with one thread for each processor
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(_run, stale))
     for script in every:
@@ -113,7 +113,7 @@ def write_gallery(folder: Path, *, run: bool) -> None:
 
 
 def _run(script: Script) -> None:
-    """Run one script into its folder; RuntimeError if it fails."""
+    """Run one script, which writes into its folder; RuntimeError if it fails."""
     shutil.rmtree(script.folder)
     script.folder.mkdir()
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "110", "NO_COLOR": "1"}
@@ -162,8 +162,8 @@ def _page(script: Script) -> Iterator[str]:
 
 def _index(every: list[Script]) -> Iterator[str]:
     yield from ("# Gallery", "")
-    yield "For readers who learn from worked designs. Each script of the repository answers one question. Its page has"
-    yield from ("the pictures, the output and the code. The scripts ran when this page was built.", "")
+    yield "For readers who learn from complete examples. Each script of the repository answers one question. Its page"
+    yield from ("has the pictures, the output and the code. The scripts ran when this page was built.", "")
     for folder, title in zip(FOLDERS, ("Designs", "Questions"), strict=True):
         yield from (f"## {title}", "", "::::{container} gallery", "")
         for script in every:

@@ -32,14 +32,14 @@ from equations import SOURCE, Equation, groups
 from gallery import write_gallery
 from pages import GENERATED
 
-_HOW = {"symbolic": "comparing the expressions", "computed": "computing the numbers", "argument": "argument"}
+_HOW = {"symbolic": "comparing the expressions", "computed": "computing the numbers", "argument": "an argument"}
 
 HIDDEN = ("_generated", "__main__", "cli")
-"""Parts of module names that get no API page: generated code, and the command line, which has its help instead."""
+"""Parts of the names of modules without an API page: generated code, and the command line, which has a help page."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write all parts; `--without-gallery` skips the scripts of the gallery, which take longest."""
+    """Write all parts; `--without-gallery` skips the scripts of the gallery, which take the longest time."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--without-gallery", action="store_true")
     given = parser.parse_args(arguments)
@@ -90,7 +90,7 @@ def _erratum_line(row: Erratum, rows: Sequence[Erratum], *, printed_here: bool) 
     where = _prose(row.where)
     link = f"[errata, {where}](#erratum-{rows.index(row) + 1})"
     if row.agrees:
-        subject = "the print agrees" if printed_here else where
+        subject = "the print is correct" if printed_here else where
         return f"Checked, {subject}: {_prose(row.explanation)} See {link}."
     if printed_here:
         return f"**Erratum**: printed $\\displaystyle {row.printed_latex}$. {_prose(row.explanation)} See {link}."
@@ -98,17 +98,17 @@ def _erratum_line(row: Erratum, rows: Sequence[Erratum], *, printed_here: bool) 
 
 
 def errata_text(rows: Sequence[Erratum]) -> str:
-    """Return every row of the errata with an anchor, including rows where the print agrees."""
+    """Return every row of the errata with an anchor, including rows where the print is correct."""
     wrong = sum(not row.agrees for row in rows)
-    parts = [f"{wrong} of the {len(rows)} equations, tables and claims below do not follow from the source.", ""]
+    parts = [f"{wrong} of the {len(rows)} formulas, tables and claims below contradict the source's own equations.", ""]
     for number, row in enumerate(rows, 1):
-        word = "agrees" if row.agrees else "does not agree"
+        word = "correct" if row.agrees else "wrong"
         parts += [f"(erratum-{number})=", "", f"### {_prose(row.where)}: {word}", ""]
         if row.agrees:
             parts += [f"$$\n{row.derived_latex}\n$$\n"]
         else:
             parts += [f"Printed:\n\n$$\n{row.printed_latex}\n$$\n", f"Derived:\n\n$$\n{row.derived_latex}\n$$\n"]
-        parts += [f"By {_HOW[row.how]}: {_prose(row.sign_and_size)}. {_prose(row.explanation)}", ""]
+        parts += [f"Checked by {_HOW[row.how]}: {_prose(row.sign_and_size)}. {_prose(row.explanation)}", ""]
     return "\n".join(parts)
 
 
@@ -167,7 +167,7 @@ def laws_text() -> str:
         parts += [
             f"## `{name}`: {law.title}",
             "",
-            _prose(law.source) + ".",
+            f"Source: {_prose(law.source)}.",
             "",
             "| key | unit | meaning |",
             "|---|---|---|",
@@ -176,7 +176,7 @@ def laws_text() -> str:
             info = law.model_fields[key]
             extra = info.json_schema_extra
             unit = str(extra["unit"]) if isinstance(extra, dict) and "unit" in extra else ""
-            parts.append(f"| `{key}` | {_unit(unit)} | {_prose(info.description or 'see its docstring')} |")
+            parts.append(f"| `{key}` | {_unit(unit)} | {_prose(info.description or 'see the class')} |")
         parts.append("")
     return "\n".join(parts)
 
@@ -188,14 +188,14 @@ def controllers_text() -> str:
         parts += [
             f"## `{name}`: {kind.title}",
             "",
-            _prose(kind.source) + ".",
+            f"Source: {_prose(kind.source)}.",
             "",
             "| key | unit | meaning |",
             "|---|---|---|",
         ]
         for key, info in kind.model_fields.items():
             if key not in ("name", "reference"):
-                meaning = _prose(info.description or "see its docstring")
+                meaning = _prose(info.description or "see the class")
                 parts.append(f"| `{key}` | {_unit(kind.units().get(key, ''))} | {meaning} |")
         parts.append("")
     return "\n".join(parts)
@@ -258,13 +258,13 @@ def write_api() -> None:
 
 
 def _offered(module: ModuleType) -> list[str]:
-    """Return, for a package, the lines that link its exported names to their definitions."""
+    """Return, for a package, the lines that link its exported names to their definitions; none for another module."""
     if not hasattr(module, "__path__"):
         return []
     lines = ["   :no-members:", ""]
     names = [name for name in getattr(module, "__all__", ()) if hasattr(getattr(module, name), "__module__")]
     homes = {name: f"{getattr(module, name).__module__}.{name}" for name in names}
-    return lines + ["Offers " + ", ".join(f":py:obj:`~{home}`" for home in homes.values()) + "."] * bool(homes)
+    return lines + ["Exports " + ", ".join(f":py:obj:`~{home}`" for home in homes.values()) + "."] * bool(homes)
 
 
 if __name__ == "__main__":

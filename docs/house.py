@@ -1,4 +1,6 @@
-"""How large is the package, and which room imports which? Print the counts and draw the rooms.
+"""Print the size of the package by subpackage, and draw which subpackage imports which.
+
+The names `room` and `floor` mean subpackage and level of imports.
 
 python docs/house.py [PICTURE.svg]
 """
@@ -20,7 +22,7 @@ SAME = 6
 
 
 def rooms() -> dict[str, tuple[set[str], int, int]]:
-    """Return, for each room, its imported rooms and its numbers of files and lines, from the top floor down."""
+    """Return, for each subpackage, its imported subpackages and its numbers of files and lines; top level first."""
     graph = grimp.build_graph("railslip_ctrl")
     below: dict[str, set[str]] = defaultdict(set)
     for module in graph.modules:
@@ -36,7 +38,7 @@ def rooms() -> dict[str, tuple[set[str], int, int]]:
 
 
 def floor(room: str, below: dict[str, set[str]]) -> int:
-    """Return the floor of a room: one above its highest imported room, 1 without imports."""
+    """Return the level of a subpackage: one above the highest that it imports, 1 without imports."""
     return 1 + max((floor(one, below) for one in below[room]), default=0)
 
 
@@ -66,18 +68,18 @@ def written_twice() -> int:
 
 
 def counts() -> str:
-    """Return the counts of the package as a text table, then one line for each room."""
+    """Return the counts of the package as a text table, then one line for each subpackage."""
     house = rooms()
     below = defaultdict(set, {name: room[0] for name, room in house.items()})
     package, tests = sources(PACKAGE), sources(ROOT / "tests")
     rows = {
         "lines of the package": sum(len(text.splitlines()) for text in package.values()),
         "files": len(package),
-        "rooms": len(house),
-        "floors": max(floor(name, below) for name in house),
-        "arrows between rooms": sum(len(room[0]) for room in house.values()),
+        "subpackages": len(house),
+        "levels of imports": max(floor(name, below) for name in house),
+        "imports between them": sum(len(room[0]) for room in house.values()),
         "class names used twice": len(names_used_twice()),
-        "pairs written twice": written_twice(),
+        "pairs of equal code": written_twice(),
         "lines of the tests": sum(len(text.splitlines()) for text in tests.values()),
     }
     lines = [f"{name:24}{count:7}" for name, count in rows.items()]
@@ -87,7 +89,7 @@ def counts() -> str:
 
 
 def shown_arrows(below: dict[str, set[str]]) -> list[tuple[str, str]]:
-    """Return the imports between rooms, without an import that another imported room has too."""
+    """Return the imports between subpackages, without those that follow from other imports."""
     reached: dict[str, set[str]] = {}
     for room in sorted(below, key=lambda room: floor(room, below)):
         reached[room] = set().union(below[room], *(reached[one] for one in below[room]))
@@ -95,7 +97,7 @@ def shown_arrows(below: dict[str, set[str]]) -> list[tuple[str, str]]:
 
 
 def picture(path: Path) -> None:
-    """Draw the rooms by floor, with an arrow to each imported room."""
+    """Draw the subpackages by level, with an arrow to each imported subpackage."""
     import matplotlib.pyplot as plt
 
     house = rooms()
@@ -105,7 +107,7 @@ def picture(path: Path) -> None:
     boxes = {}
     for name, (_, files, lines) in house.items():
         beside = sorted(one for one in house if height[one] == height[name])
-        passed = any(height[a] > height[name] > height[b] for a, b in drawn)  # an arrow needs the left half
+        passed = any(height[a] > height[name] > height[b] for a, b in drawn)  # an arrow needs the space on the left
         x = 0.75 if passed else (beside.index(name) + 0.5) / len(beside)
         doc = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text("utf-8"))) or ""
         text = fill(doc.splitlines()[0].replace("`", ""), 62)

@@ -14,7 +14,7 @@ from typing import Any
 import railslip_ctrl as rs
 
 WIDTH, HEIGHT = 1300, 1400  # CSS pixels of the window: room for the maps and the four plots
-SECONDS = 120.0  # longest wait for the answers of the server
+SECONDS = 120.0  # longest time to wait for the answers of the server
 BUSY = "return verdict === null || !region || region.few || Object.values(requests).some((request) => request.pending)"
 SHAPED = "pin(); Object.assign(design.values, {kp: 365, ki: 120}); designChanged(true)"
 
@@ -43,7 +43,7 @@ def settled(tab: Any) -> None:
 
 
 def picture(path: Path) -> None:
-    """Draw the published vehicle at smaller reference slips: the gains by rule in grey, and gains with a smaller ki."""
+    """Draw the published vehicle at smaller reference slips: gains of the rule in grey, and gains with a smaller ki."""
     reference = rs.ReferenceSlip(dry=0.1, wet=0.07)
     with rs.design_page(rs.Envelope(reference=reference)) as page, browser() as tab:
         tab.get(page.address)

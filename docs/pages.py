@@ -2,7 +2,7 @@
 
     ```{file} tram.toml          write the text to tram.toml and show it
     :from: designs/tram.toml     use a file of the repository, shown with a link to download it
-    :hidden:                     show the link alone
+    :hidden:                     show only the link
     ```{railslip}                run each line as a command and show its output
     >>>                          Python, which the tests run as a doctest
 
@@ -36,7 +36,7 @@ _PROGRAMS = ("railslip", "python")
 class Block:
     """A file with its name, or commands with an empty name.
 
-    `tested` is the test file that runs a command that takes too long for the test of the page.
+    `tested` names the test file that runs the command, if it takes too long for the test of the page.
     """
 
     name: str

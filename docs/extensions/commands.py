@@ -18,7 +18,7 @@ _LINES = 40
 
 
 class _OnPage(SphinxDirective):
-    """Base of both directives: working folder of the page, and hash of its earlier commands and files."""
+    """Base of both directives: folder in which a page's commands run, and hash of the commands and files so far."""
 
     def folder(self) -> Path:
         text = Path(self.env.doc2path(self.env.docname)).read_text("utf-8")

@@ -24,12 +24,12 @@ _COMMANDS = {
     "linearize": "compute the operating point, A, B, C, D, poles, zeros and transfer function",
     "margins": "compute all margins of a loop, certified if asked; judge a controller over an envelope",
     "tune": "find gains that meet a specification, over an envelope or at operating points",
-    "derive": "derive the sliding-mode law step by step; the paper's errata; C99 and Python code",
+    "derive": "derive the sliding-mode laws step by step, list the errata of Park et al., or write C99 or Python",
     "identify": "fit adhesion laws to brake-rig logs and find the reference slip",
     "campaign": "run a scenario many times with sampled or swept quantities, on all cores or a Dask cluster",
     "verify": "decide the stability conditions of a sliding-mode law",
     "simulate": "simulate a braking run: numbers, time series, pictures",
-    "reproduce": "compare the paper's tables and figures with ours, and show the units that reproduce them",
+    "reproduce": "compare our results with those of Park et al., and show the units with which theirs are obtained",
 }
 
 
