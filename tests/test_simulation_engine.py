@@ -459,7 +459,7 @@ def test_the_bound_against_a_closed_form() -> None:
     events = (sim.Event(time=3.0, mass=2 * 3517.0), sim.Event(time=6.0, rail=Rail.DRY))
     late = clairvoyant_stop(scenario.with_changes(events=events))
     assert late.braking_time == pytest.approx(3.0 + 2 * ((v0 - v1) / deceleration - 3.0), rel=2e-3)
-    with pytest.raises(InputError, match="distances only"):
+    with pytest.raises(InputError, match="some change the adhesion at a time, others at a distance"):
         clairvoyant_stop(scenario.with_changes(events=(*events, sim.Event(distance=100.0, adhesion_factor=0.5))))
 
 

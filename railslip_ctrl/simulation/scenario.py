@@ -184,7 +184,7 @@ class Scenario(Record):
         both_kinds = len({event.time is None for event in of_adhesion}) > 1
         if both_kinds and any(event.rail is None or event.adhesion_factor is None for event in of_adhesion):
             raise InputError(
-                "events: the adhesion changes at a time and at a distance, and which comes first is not known; give "
+                "events: some change the adhesion at a time, others at a distance, and their order is not known; give "
                 "rail and adhesion_factor in each of these events"
             )
         return self
