@@ -123,7 +123,7 @@ class Controller(Record):
     follows_reference: ClassVar[bool] = True
     """Whether the controller tracks `reference`; otherwise `reference` is optional and only used to judge the slip."""
     by_rule: ClassVar[bool] = False
-    """Whether `for_vehicle` needs only the vehicle; the name of the kind is then a choice of `--controller`."""
+    """Whether `for_vehicle` needs only the vehicle, so that `--controller` accepts the name of the kind."""
     finds_slip: ClassVar[bool] = False
     """Whether the controller searches for its reference slip during the run; see `held_slip`."""
 
@@ -132,7 +132,7 @@ class Controller(Record):
 
     name: str = Field("", description="name in reports; the kind's name if left out")
     period: float | None = quantity(
-        "s", "sampling period; every step of the run if left out", ge=LEAST_PERIOD, default=None
+        "s", "sampling period; the integration step of the run if left out", ge=LEAST_PERIOD, default=None
     )
     reference: ReferenceSlip | None = Field(REFERENCE, description="reference slip ratio")
 
@@ -388,7 +388,7 @@ class Controller(Record):
         return {name: place for place, name in enumerate((*layout.state, *arrays))}
 
     def __reduce__(self) -> Any:
-        """Pickle the controller, with the class of a user's kind, whose file another process cannot import."""
+        """Pickle the controller; for a user's kind also its class, because another process cannot import its file."""
         module = sys.modules.get(type(self).__module__)
         if module is None or getattr(module, "__spec__", None) is not None:
             return super().__reduce__()

@@ -65,7 +65,7 @@ class SampledController:
     for an error that gives exactly the applied torque. For a PI it is back-calculation with Tt = kp/ki. `linear_step`
     evaluates the equations.
 
-    - design: linear system, as for `systems.linear_controller`; the field has the record that this returns.
+    - design: linear system, as for `systems.linear_controller`; the field is the record that this function returns.
     - period: h, s, > 0; for a discrete design the period of the design. With Tustin's rule no real pole may be faster
       than 2/h, because its response would alternate in sign.
     - torque_min, torque_max: limits of the command, N*m, torque_min < torque_max; for a brake 0 and the full brake.
@@ -295,7 +295,7 @@ def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float
 
 
 def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """Return phi, now, before, C and D of the difference equations."""
+    """Return phi, now, before, C and D of the difference equations of `SampledController`."""
     a, b, c, d = _continuous(design)
     identity = np.eye(b.size)
     if not isinstance(design, PIController) and design.period is not None:

@@ -105,7 +105,7 @@ class GainSchedule:
             raise
         except (ValueError, KeyError, TypeError) as error:
             reason = " ".join(str(error).split())
-            raise InputError(f"gain schedule: is not JSON of a schedule ({reason}); write it by to_json") from None
+            raise InputError(f"gain schedule: not a schedule in JSON ({reason}); write it with to_json") from None
         return cls(tuple(entries), *others)
 
 
@@ -127,7 +127,7 @@ class Scheduled(Controller):
         "s", "tracking time of the anti-windup; kp/ki if left out", gt=0, default=None
     )
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
-    rule: Rule = Field(Rule.BACKWARD, description="rule that makes the PI a difference equation")
+    rule: Rule = Field(Rule.BACKWARD, description="rule that converts the PI to a difference equation")
 
     class State(Record):
         """State of lead and PI."""
@@ -142,8 +142,8 @@ class Scheduled(Controller):
 
         radius: float = quantity("m", "wheel radius")
         lead_pole: float = quantity("1", "pole of the lead in z")
-        lead_now: float = quantity("1", "from the error to the filtered error")
-        lead_before: float = quantity("1", "from the previous error to the filtered error")
+        lead_now: float = quantity("1", "weight of the error in the filtered error")
+        lead_before: float = quantity("1", "weight of the previous error in the filtered error")
         weight_now: float = quantity("s", "weight of the filtered error in the integral")
         weight_before: float = quantity("s", "weight of the previous filtered error in the integral")
         tracking: float = quantity("1", "sampling period over tracking time; if negative, period times ki/kp is used")

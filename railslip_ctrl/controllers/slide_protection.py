@@ -17,7 +17,7 @@ from .base import LEAST_PERIOD, Controller
 from .linear import full_brake_torque
 
 _WEAK_RAIL, _BEST_RAIL = 0.05, 0.35  # adhesion coefficients of a very slippery rail and of the best rail
-_DUMPED = 0.8  # torque dumped in dead time plus lag, in N r: 0.35 of the best rail, the rest to speed up the wheel
+_DUMPED = 0.8  # torque dumped in dead time plus lag over load times radius: 0.35 of the best rail, 0.45 for the wheel
 _FILTER_TIME = 0.05  # s, default time constant of the wheel-speed filter
 
 

@@ -216,7 +216,7 @@ def _check_object(controller: Any) -> None:
     """Raise InputError if a controller is given as text or as a class."""
     if isinstance(controller, str):
         raise InputError(
-            f"controller: {shown(controller)} is a text; give a controller object, from a file by load_controller"
+            f"controller: {shown(controller)} is text; give a controller object, or read the file with load_controller"
         )
     if inspect.isclass(controller):
         raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")

@@ -147,8 +147,8 @@ def _read(
     if function in known:
         if dict(known[function].roles) != dict(roles):
             raise InputError(
-                f"{_place(function, 0)}: {function.__name__} is called with different roles of arguments; call it with "
-                "the same roles everywhere"
+                f"{_place(function, 0)}: calls of {function.__name__} give state, measurement or parameters in "
+                "different arguments; use the same arguments in every call"
             )
         return known[function]
     try:
@@ -234,7 +234,7 @@ def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
 def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tuple[ast.AST, str]]:
     """Yield returns that are not allowed, with the reason."""
     if len({_values(node) for node in returns}) > 1:
-        yield returns[-1], "the returns have different counts of numbers; return the same count everywhere"
+        yield returns[-1], "the returns give different numbers of values; return as many values everywhere"
     if returned_values(read) and not ends(read.node.body):
         yield read.node, f"{read.name} may end without a return; end it with one"
 
@@ -289,8 +289,8 @@ def _names(
             given = [{name: read.role(arg) for name, arg in zip(names, node.args, strict=True)} for node in called]
             if any(roles != given[0] for roles in given):
                 raise InputError(
-                    f"{where}: {part.id} is called with different roles of arguments; call it with the same roles "
-                    "everywhere"
+                    f"{where}: calls of {part.id} give state, measurement or parameters in different arguments; use "
+                    "the same arguments in every call"
                 )
             roles = {name: role for name, role in given[0].items() if role is not None}
             calls[part.id] = _read(value, roles, known, above)

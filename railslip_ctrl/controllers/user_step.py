@@ -137,9 +137,7 @@ class StepControl(Controller):
 
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
-        raise InputError(
-            f"controller {self.label}: only has a Python step; give a built-in kind or the class of a kind"
-        )
+        raise InputError(f"controller {self.label}: is only a Python step; give a controller of a kind (a class)")
 
     def source_text(self) -> str:
         return f"""
