@@ -219,7 +219,7 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json():
         assert sentence in text
         assert any(line.startswith("# Warning: ") and sentence in line for line in file.splitlines())
         assert any(sentence in each for each in identification_json(found)["log"]["warnings"])
-    assert f"(the log's; the vehicle's is {LOAD:g} N)" in text
+    assert f"(in the log; the vehicle has {LOAD:g} N)" in text
 
 
 def test_what_is_not_from_the_log_is_marked(file):

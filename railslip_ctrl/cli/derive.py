@@ -36,7 +36,7 @@ _LAWS = ("published", "predictive")
 @option(
     "--adhesion",
     "LAW|FILE.toml",
-    f"Adhesion law inserted for Ta: {', '.join(law_names())}; or a file, whose numbers are also inserted.",
+    f"Adhesion law that gives the adhesion torque Ta: {', '.join(law_names())}; or a file, whose numbers are inserted.",
     "none; Ta stays an argument of the law",
 )
 @number_option(

@@ -45,25 +45,25 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @preset(
     "--model",
     "|".join(("best", *MODELS)),
-    "Model to fit. best: fit all but bristle_rest and choose the lowest BIC of the models with a formula.",
+    "Model to fit. best: fit all but bristle_rest and choose the model with a formula that has the lowest BIC.",
     "best",
 )
 @preset("--rail", "dry|wet", "Rail condition of the log.", "dry")
 @path_option("--vehicle", "FILE", "Vehicle file.", "the published vehicle")
 @switch("--loaded", "Use the vehicle's loaded wheel load.")
-@number_option("--initial-speed", "km/h", "Speed v0 at which the brake was applied, km/h.", "the log's highest", gt=0)
+@number_option("--initial-speed", "km/h", "Speed v0 at which the brake was applied, km/h.", "highest in the log", gt=0)
 @number_option(
     "--slip-acceleration",
     "m/s^2",
     "Slip acceleration R of the ramps, m/s^2, for bristle and curve.",
-    "the log's; curve: 2.93",
+    "from the log; curve: 2.93",
     gt=0,
 )
 @number_option(
     "--tau",
     "s",
     "Time constant of the observer, s.",
-    "0.05, or five intervals of the log if that is more",
+    "0.05, or five intervals between rows if that is more",
     gt=0,
 )
 @preset(

@@ -52,7 +52,7 @@ class LinearControl(Controller):
 
     source: ClassVar[str] = "[Astrom1997] 8, 9"
 
-    period: float | None = quantity("s", "sampling period; every step if left out", ge=LEAST_PERIOD, default=None)
+    period: float | None = quantity("s", "sampling period; integration step if left out", ge=LEAST_PERIOD, default=None)
     radius: float | None = quantity("m", "assumed wheel radius; the vehicle's if left out", gt=0, default=None)
     torque_min: float | None = quantity("N*m", "smallest torque; none if left out", default=None)
     torque_max: float | None = quantity("N*m", "largest torque; none if left out", default=None)

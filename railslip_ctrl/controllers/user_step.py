@@ -111,7 +111,7 @@ class StepControl(Controller):
     no_loop: ClassVar[str] = "only its step is known"
     follows_reference: ClassVar[bool] = False
 
-    period: float | None = quantity("s", "sampling period; every step if None", ge=LEAST_PERIOD, default=PERIOD)
+    period: float | None = quantity("s", "sampling period; integration step if None", ge=LEAST_PERIOD, default=PERIOD)
     reference: ReferenceSlip | None = None
     thing: Any = None
     start_numbers: tuple[float, ...] = ()

@@ -146,7 +146,7 @@ class Coordinates:
         return float(self.lower[index]), float(self.upper[index])
 
     def moved(self, values: Floats, index: int, value: float) -> Floats:
-        """Values with the value at `index` changed; in a pair the other value changes too, to keep gamma/beta."""
+        """Values with the value at `index` changed; if beta and gamma are a `pair`, both change by the same factor."""
         result = values.copy()
         if self.pair is not None and index in self.pair:
             other = self.pair[1 - self.pair.index(index)]
@@ -294,7 +294,7 @@ def spline(knots: Floats, values: Floats) -> Callable[[Floats], Floats]:
     return PPoly(each.c @ np.asarray(values), each.x)  # type: ignore[no-any-return]
 
 
-_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # placeholders: of the vehicle, the force depends on N alone
+_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # placeholders for vehicle data; the force needs only N
 
 
 def shape_of(cells: Cells, peak_slip: float) -> Shape:

@@ -61,7 +61,7 @@ _RANKED = {
     "distance": f"shortest mean stop (within {100 * TIE:g} %: smallest worst Ms, then least air)",
     "robustness": f"smallest worst Ms (within {100 * TIE:g} %: shortest mean stop, then least air)",
 }
-_PAPER = "railslip reproduce --out DIR shows the errata of [Park2008] and the units with which its numbers follow."
+_PAPER = "railslip reproduce --out DIR shows the errata of [Park2008] and the units in which its numbers hold."
 _MOST_WORDS = 60  # largest number of words of headline, reasons, risks and actions, which can be read in a minute
 _MOST_NOTES = 8  # largest number of notes on skipped points and on reference slips near the peak
 
@@ -589,7 +589,7 @@ def _rivals(report: DesignReport) -> Section | None:
         "Controller", "Verdict over the envelope", "Stable from, km/h", "Worst Ms where stable", "With tolerances",
         f"Longest stops, {first.law}, {first.load}",
     )  # fmt: skip
-    return Section("given", "Your controllers", (Table(head, rows, caption="Judged and simulated as the candidates are."),))
+    return Section("given", "Your controllers", (Table(head, rows, caption="Judged and run like the candidates."),))
 
 
 def _stops(report: DesignReport, again: str = "") -> Section | None:

@@ -108,7 +108,7 @@ def _load_of(result: Identification) -> str:
     """Return a remark if the wheel load of the log differs from that of the vehicle."""
     own = result.vehicle.wheel_load
     same = math.isclose(result.setting.wheel_load, own, rel_tol=1e-6)
-    return "" if same else f" (of the log; that of the vehicle is {own:g} N)"
+    return "" if same else f" (in the log; the vehicle has {own:g} N)"
 
 
 def _log_facts(result: Identification) -> list[tuple[str, str]]:

@@ -153,7 +153,7 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
     ends = switches[max(at - 1, 0)], switches[min(at + 1, _SWITCHES - 1)]
     holding = minimize_scalar(lambda x: min(path.stop(x).braking_distance, _FAR), bounds=ends, method="bounded")
     candidates = [path.stop(float(holding.x)), stops[at]]
-    if path.stop(float(holding.x), *_LESS).braking_distance < candidates[0].braking_distance:  # v-dependent law
+    if path.stop(float(holding.x), *_LESS).braking_distance < candidates[0].braking_distance:  # decay is better
         best = minimize(
             lambda x: path.stop(*x.tolist()).braking_distance,
             [holding.x, *_LESS],

@@ -306,7 +306,7 @@ class Simulator:
         return self.result(seed, status, y, summary, log[:written] if every else None)
 
     def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
-        """Return random forces, N, measurement noise (samples, 2), and the time for which a force acts, s, or 0."""
+        """Return random forces, N, measurement noise (samples, 2), and the time for which a force acts, s (0: none)."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
         spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:

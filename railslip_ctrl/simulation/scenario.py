@@ -61,7 +61,7 @@ class Disturbances(Record):
 
     random_force: float = quantity("N", "standard deviation of the random adhesion force", ge=0, default=0.0)
     random_hold: float = quantity("s", "time for which a random force is held", gt=0, default=0.02)
-    caliper_fraction: float = quantity("1", "disturbance torque over acting torque at t = 0", ge=0, default=0.0)
+    caliper_fraction: float = quantity("1", "amplitude at t = 0 over the acting torque", ge=0, default=0.0)
     caliper_decay: float = quantity("1/s", "decay rate of the caliper's oscillation", ge=0, default=4.0)
     caliper_frequency: float = quantity("rad/s", "frequency of the caliper's oscillation", ge=0, default=10.0 * math.pi)
 
@@ -137,7 +137,7 @@ def _given(values: dict[str, float | None]) -> dict[str, float]:
 
 
 class Scenario(Record):
-    """A braking run from `initial_speed`, with the wheel rolling freely, to `final_speed`.
+    """A braking run from free rolling at `initial_speed` to `final_speed`.
 
     The viscous coefficient at time t is the vehicle's plus `viscous_rate` t, but at least `viscous_least`; all three
     are multiplied by the inertia scale. The published run ([Park2008] p. 55) is `published_scenario`.
