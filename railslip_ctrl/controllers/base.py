@@ -267,7 +267,7 @@ class Controller(Record):
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy that assumes the parameters of a `vehicle` where it has none, or those of the vehicle `before`."""
+        """Copy with the parameters of a `vehicle` in place of those that are None or equal those of `before`."""
         changed = {}
         for name in _ASSUMED.keys() & type(self).model_fields.keys():
             now, was = _ASSUMED[name](vehicle), None if before is None else _ASSUMED[name](before)
@@ -367,7 +367,7 @@ class Controller(Record):
         return _source_text(type(self), None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
-        """Numbers for a kernel: reference slip, parameters in a `situation`, arrays; `state` is the initial state."""
+        """Numbers that a kernel reads: reference slip, then the parameters in a `situation`; `state`: initial state."""
         slip = math.nan if self.reference is None else self.reference.on(situation.rail)
         values = {**self.parameters(situation), "period": situation.period, "reference_slip": slip}
         layout = layout_of(type(self))
@@ -376,7 +376,7 @@ class Controller(Record):
 
     @classmethod
     def flat(cls, state: Any) -> list[float]:
-        """Numbers of a state as a list, in the order of a kernel."""
+        """Numbers of a `state` as a list, in the order of a kernel's state array."""
         layout = layout_of(cls)
         arrays = (number for name in layout.state_arrays for number in getattr(state, name))
         return [*(float(getattr(state, name)) for name in layout.state), *map(float, arrays)]

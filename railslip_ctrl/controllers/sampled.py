@@ -60,10 +60,10 @@ class SampledController:
 
     phi, now and before follow exactly from the rule, or are those of a discrete design. `acted` is the torque that the
     brake applied. While a limit acts, `back` moves the slow poles and leaves the poles of leads and filters unchanged.
-    To find them, poles and zeros are sorted by magnitude; a pole slower than its zero, of magnitude 1/T, moves to
-    z = 1 - h/T. If all poles move to the zeros, this is the conditioned controller of [Hanus1987]: its states are those
-    for an error that gives exactly the applied torque. For a PI it is back-calculation with Tt = kp/ki. `linear_step`
-    evaluates the equations.
+    To find them, poles and zeros are sorted by magnitude and paired; a pole slower than its zero moves to z = 1 - h/T,
+    where 1/T is the magnitude of the zero. If all poles move to the zeros, this is the conditioned controller of
+    [Hanus1987]: its states are those for an error that gives exactly the applied torque. For a PI it is
+    back-calculation with Tt = kp/ki. `linear_step` evaluates the equations.
 
     - design: linear system, as for `systems.linear_controller`; the field is the record that this function returns.
     - period: h, s, > 0; for a discrete design the period of the design. With Tustin's rule no real pole may be faster

@@ -165,9 +165,9 @@ class Remedy:
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
     """Run the harder stops for trials that can be the best, and sort all trials, the best first.
 
-    The trials run in the order of their nominal stops until `_COMPLETE` qualify, and further if they are within `_NEAR`
-    of the first. If none qualifies, the least bad trial and slide protection run the harder stops. If `nominal`, none
-    runs them, unless none qualifies. `submit` starts functions in a second process.
+    Trials run the harder stops in the order of their mean nominal stop (`prefer` "robustness": worst Ms) until
+    `_COMPLETE` of them qualify; then those within `_NEAR` of the first also run them. If none qualifies, the least bad
+    trial and slide protection run them. If `nominal`, none runs them. `submit` starts functions in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)

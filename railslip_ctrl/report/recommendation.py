@@ -1,9 +1,9 @@
 """Computation of a design report, and its records.
 
 `design_report` tunes PI and PI-lead over the envelope (`Selection`). The most robust designs, and every controller
-whose parameters follow from the vehicle alone, run in the same stops (`Trial`). `ordered` chooses the best one. For
-this one `design_report` computes margins, limits and a gain map and, if no candidate qualifies, a better brake
-(`DesignReport`).
+whose parameters follow from the vehicle alone, run in the same stops (`Trial`). `ordered` chooses the best
+candidate. For this candidate `design_report` computes margins, limits and a gain map and, if no candidate qualifies, a
+better brake (`DesignReport`).
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def statement(condition: Condition) -> str:
 
 
 def evidence(condition: Condition) -> str:
-    """Return the evidence of a condition: an identity, numbers with their set, or the reason why it is not decided."""
+    """Return the evidence of a condition: an identity, numbers and their range, or the reason why it is not decided."""
     return _with_numbers(_texts_of(condition)["evidence"], condition.numbers)
 
 
