@@ -189,7 +189,7 @@ def test_a_discrete_controller_runs_as_it_is():
     expected = lfilter(c.num[0][0], c.den[0][0], errors)
     for design in (c, ct.tf2ss(c)):
         assert run(SampledController(design, 0.02), errors) == pytest.approx(expected, rel=1e-9)
-    with pytest.raises(InputError, match=r"period: 0.01 s .* discrete controller of 0.02 s"):
+    with pytest.raises(InputError, match=r"period: 0.01 s .* discrete controller, 0.02 s"):
         SampledController(c, 0.01)
     with pytest.raises(InputError, match="dt = True"):
         SampledController(ct.tf([1.0], [1.0, -0.5], True), 0.01)

@@ -150,8 +150,8 @@ class CaseOptions:
         """Return the envelope of a file, of the vehicle, or the default one, narrowed by the other options."""
         if self.masses:
             raise InputError(
-                "--mass: does not go with an envelope, because its loads need mass and wheel load; give --loaded, or "
-                "both in the vehicle's file"
+                "--mass: does not go with an envelope, whose loads need both mass and wheel load; give --loaded, or "
+                "both values in the vehicle's file"
             )
         _ = self.chosen_vehicle  # prints the assumptions about the vehicle
         car = self.given_vehicle

@@ -141,7 +141,7 @@ class LinearControl(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with limits of 0 and the vehicle's full brake, and with anti-windup."""
+        """Return the controller with torque from 0 to the vehicle's full brake, and with anti-windup."""
         return cls(**{"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), **given}).believing(vehicle)
 
 

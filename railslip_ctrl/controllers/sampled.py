@@ -242,7 +242,9 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
         return
     if design.period is not None:
         if not math.isclose(design.period, h):
-            raise InputError(f"period: {h:g} s is not allowed with a discrete controller of {design.period:g} s")
+            raise InputError(
+                f"period: {h:g} s is not allowed; give that of the discrete controller, {design.period:g} s"
+            )
         return
     poles = design.transfer_function.poles
     real = poles[poles.imag == 0].real

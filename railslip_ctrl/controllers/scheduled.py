@@ -75,7 +75,9 @@ class GainSchedule:
         number("speed", speed, "m/s", gt=0)
         mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
         if not mine:
-            raise InputError(f"rail: the schedule has no entries for {rail} rail; tune them or choose another")
+            raise InputError(
+                f"rail: the schedule has no entries for {rail} rail; tune it for this rail, or choose another"
+            )
         speeds = [e.speed_kmh for e in mine]
         kp = float(np.interp(speed / KMH, speeds, [e.gains.kp for e in mine]))
         ki = float(np.interp(speed / KMH, speeds, [e.gains.ki for e in mine]))
@@ -240,7 +242,7 @@ class Scheduled(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the given `schedule`, limits of 0 and the full brake, and anti-windup."""
+        """Return the controller with the given `schedule`, torque from 0 to the full brake, and anti-windup."""
         limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), "tracking_time": TRACKING_TIME}
         return cls(**{**limits, **given}).believing(vehicle)
 

@@ -109,10 +109,10 @@ class SlideProtection(Controller):
         """Return the controller with thresholds and rates for a vehicle.
 
         The reaction time to a slide is the dead time plus the lag of the brake. In this time the valve fills the torque
-        of a very slippery rail, or dumps sixteen times as much. `dump_deceleration` is the train's deceleration on the
-        best rail plus that of the wheel by a random force ([Park2008] p. 55: 0.0125 of the wheel load, times r^2/J at
-        the rim). The filter removes the wheel's oscillation on the rolling contact, about 5 Hz, which is not a
-        slide. The slips keep their defaults.
+        that a very slippery rail can carry, or dumps sixteen times as much. `dump_deceleration` is the train's
+        deceleration on the best rail plus that of the wheel by a random force ([Park2008] p. 55: 0.0125 of the wheel
+        load, times r^2/J at the rim). The filter removes the wheel's oscillation on the rolling contact, about
+        5 Hz, which is not a slide. The slips keep their defaults.
         """
         wheel, actuator = vehicle.wheel, vehicle.actuator
         time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default

@@ -98,7 +98,7 @@ class Sliding(Controller):
 
     @property
     def gains(self) -> LawGains:
-        """Gains as the record that the verification of the law uses."""
+        """Gains of the law, as the record that its verification uses."""
         names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "box", "dead_zone")
         return LawGains(**{name: getattr(self, name) for name in names})
 

@@ -76,7 +76,7 @@ class Function:
         return tuple(argument.arg for argument in self.node.args.args)
 
     def role(self, node: ast.AST) -> str | None:
-        """Return the role of an expression that is an argument of the function; None for any other expression."""
+        """Return the role in `ROLES` of an expression that is an argument of the function; None for any other one."""
         return self.roles.get(node.id) if isinstance(node, ast.Name) else None
 
     def all(self) -> dict[str, Function]:
@@ -366,7 +366,7 @@ ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
 def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
     """Return the functions of a step as kernel text; the last one is `command(x, t, v, omega, applied, c, table)`.
 
-    Arguments of the step that have no role come after these.
+    Arguments of the step other than state, measurement and parameters come after these.
     """
     functions = [function for function in step.all().values() if not function.is_outside]
     printed = [f"@compiled\n{ast.unparse(_Printer(function, layout).printed())}\n" for function in functions]
@@ -431,7 +431,7 @@ class _Printer(ast.NodeTransformer):
         return ast.Subscript(ast.Name(array, ast.Load()), index, node.ctx)
 
     def _array(self, node: ast.expr) -> tuple[int, str, str]:
-        """Return the index of the header, the name and the array of an array field."""
+        """Return for an array field the result of `Layout.array_header`, its variables' suffix, and its array."""
         if not isinstance(node, ast.Attribute) or (role := self._function.role(node.value)) is None:
             raise InputError(
                 f"{self._function.name}: {ast.unparse(node)} is not an array; give an array of state or parameters"

@@ -137,7 +137,9 @@ class StepControl(Controller):
 
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
-        raise InputError(f"controller {self.label}: is only a Python step; give a controller of a kind (a class)")
+        raise InputError(
+            f"controller {self.label}: a Python step alone cannot be used here; give a controller of a kind"
+        )
 
     def source_text(self) -> str:
         return f"""

@@ -313,7 +313,9 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
                 raise InputError(f"{option} {name}: {value:g} is not allowed; give a finite value")
     for name, delay in delays.items():
         if abs(delay) > LONGEST_DELAY:
-            raise InputError(f"`delays` {name}: {delay:g} s is not allowed; give at most {LONGEST_DELAY:g} s each way")
+            raise InputError(
+                f"`delays` {name}: {delay:g} s is not allowed; give -{LONGEST_DELAY:g} to {LONGEST_DELAY:g} (s)"
+            )
 
 
 class Alignment:

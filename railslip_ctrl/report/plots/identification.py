@@ -102,7 +102,7 @@ def drift_figure(result: Identification) -> Figure:
 
 
 def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
-    """Draw the peaks on one rail, all from the log or all by rule."""
+    """Draw the peaks on one rail; either all are from the log, or all follow from the law's rule."""
     rail = peaks[0].rail
     look, where = style.rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
     speed, values, ends, mu, mu_ends, reference = (

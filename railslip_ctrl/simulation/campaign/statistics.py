@@ -238,7 +238,7 @@ class _Runs:
         self._store, self._parts = store, list(store.finished())
         self.names = store.campaign.controller_names
         if not self._parts:
-            raise InputError(f"out: {str(store.folder)!r} has no finished part; run the campaign")
+            raise InputError(f"out: {str(store.folder)!r} has no results yet; run the campaign")
         self.number = np.concatenate([np.arange(*part) for part in self._parts])
         outcomes = self._column("outcome").combine_chunks().dictionary_encode()
         self.outcomes: list[str] = outcomes.dictionary.to_pylist()
