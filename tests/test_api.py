@@ -52,7 +52,7 @@ UNIT = re.compile(
 )
 """A unit, or a word that says that there is none or where it is given."""
 
-SHAPE = re.compile(r"\d-D|\bshape|of one length|array,? \([\w, ]+\)|\b[a-z] by [a-z0-9]\b")
+SHAPE = re.compile(r"\d-D|\bshape|of (?:one|equal) length|array,? \([\w, ]+\)|\b[a-z] by [a-z0-9]\b")
 
 
 def public() -> dict[str, Any]:

@@ -82,7 +82,7 @@ def test_nothing_is_written_by_halves_nor_over_a_log(railslip, log, tmp_path):
     copy.write_bytes(before)
     for arguments, told in (
         ((broken, "--model", "beam", "--observed", none), "rows are under brake"),
-        ((log, log, "--observed", none), "--observed: goes with one log, but there are 2"),
+        ((log, log, "--observed", none), "--observed: is only for one log, but there are 2"),
         ((log, log), "is given twice"),
         ((log, copy), "copy.csv is a copy of "),
         (("-", "-"), "standard input can be read once"),
@@ -219,7 +219,7 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json():
         assert sentence in text
         assert any(line.startswith("# Warning: ") and sentence in line for line in file.splitlines())
         assert any(sentence in each for each in identification_json(found)["log"]["warnings"])
-    assert f"(the log's; the vehicle's is {LOAD:g} N)" in text
+    assert f"(in the log; the vehicle has {LOAD:g} N)" in text
 
 
 def test_what_is_not_from_the_log_is_marked(file):

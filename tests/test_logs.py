@@ -580,7 +580,7 @@ def test_columns_are_brought_to_the_wheel_s_time_and_zero_however_a_log_is_cut(c
 
 @pytest.mark.parametrize(("option", "value", "text"), [
     ("--delay", "time=0.1", "--delay: 'time' is not a quantity of a log; choose one of train_speed, "),
-    ("--delay", "brake_torque=3", "--delay brake_torque: 3 s is not allowed; give at most 2 s"),
+    ("--delay", "brake_torque=3", "--delay brake_torque: 3 s is not allowed; give -2 to 2 (s)"),
     ("--skip-lines", "2", "log.csv: empty, or no header from line 3 on; give a CSV"),
     ("--skip-lines", "-1", "--skip-lines: '-1' is not allowed; give a whole number from 0"),
     ("--zero", "wheel_load=10", "log.csv: no column wheel_load to correct; it has time, "),

@@ -215,7 +215,7 @@ def test_kinds_by_rule_have_their_numbers_and_stops(page, kind):
     design = {"kind": kind, "values": values, "reference": HELD}
     head, arrays = page.ask("loop", design=design)
     stops, _ = page.ask("stops", design=design)
-    assert "stopped after" in stops["words"]["wet"]
+    assert "to 5 km/h in" in stops["words"]["wet"]
     if kind == "slide-protection":
         assert "has no margins" in head["no_loop"]
         return

@@ -88,7 +88,7 @@ def test_a_gain_alone_is_a_controller_and_shapes_that_do_not_fit_are_none(plant)
         assert wheel_slip_loop(plant, form).margins().ms == pytest.approx(expected, rel=1e-12)
     with pytest.raises(InputError, match=r"dt = True\); give dt in s"):
         wheel_slip_loop(plant, ct.tf([1.0], [1.0, -0.5], True))
-    with pytest.raises(InputError, match="operating point; give one"):
+    with pytest.raises(InputError, match="operating point; give a point"):
         controller_system(Described())
     for a, b, c in ((((1.0, 2.0),), (1.0,), (1.0,)), (((1.0,),), (1.0, 2.0), (1.0,)), ((), (1.0,), ())):
         with pytest.raises(InputError, match="do not fit; give n by n, n and n"):
@@ -189,7 +189,7 @@ def test_a_discrete_controller_runs_as_it_is():
     expected = lfilter(c.num[0][0], c.den[0][0], errors)
     for design in (c, ct.tf2ss(c)):
         assert run(SampledController(design, 0.02), errors) == pytest.approx(expected, rel=1e-9)
-    with pytest.raises(InputError, match=r"period: 0.01 s .* discrete controller of 0.02 s"):
+    with pytest.raises(InputError, match=r"period: 0.01 s .* discrete controller, 0.02 s"):
         SampledController(c, 0.01)
     with pytest.raises(InputError, match="dt = True"):
         SampledController(ct.tf([1.0], [1.0, -0.5], True), 0.01)

@@ -413,7 +413,7 @@ def test_a_run_says_that_its_slip_never_came_to_the_reference() -> None:
     si = sim.built_in_scenario("park2008-si")
     slow = sim.simulate(si, pi(190.0, 5.0))
     assert not slow.reached
-    assert f"slip at most {slow.max_slip:.3g}, never at the reference 0.132; no lock" in str(slow)
+    assert f"slip {slow.max_slip:.3g}; never at the reference 0.132; no lock" in str(slow)
     assert sim.simulate(si, pi(190.0, 5.0, slip=0.2 * slow.max_slip)).reached
     assert sim.simulate(si, constant_torque(100.0)).reached
 
@@ -459,7 +459,7 @@ def test_the_bound_against_a_closed_form() -> None:
     events = (sim.Event(time=3.0, mass=2 * 3517.0), sim.Event(time=6.0, rail=Rail.DRY))
     late = clairvoyant_stop(scenario.with_changes(events=events))
     assert late.braking_time == pytest.approx(3.0 + 2 * ((v0 - v1) / deceleration - 3.0), rel=2e-3)
-    with pytest.raises(InputError, match="in time and in distance"):
+    with pytest.raises(InputError, match="some change the adhesion at a time, others at a distance"):
         clairvoyant_stop(scenario.with_changes(events=(*events, sim.Event(distance=100.0, adhesion_factor=0.5))))
 
 

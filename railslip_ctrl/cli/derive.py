@@ -36,7 +36,7 @@ _LAWS = ("published", "predictive")
 @option(
     "--adhesion",
     "LAW|FILE.toml",
-    f"Adhesion law inserted for Ta: {', '.join(law_names())}; or a file, whose numbers are also inserted.",
+    f"Adhesion law that gives the adhesion torque Ta: {', '.join(law_names())}; or a file, whose numbers are inserted.",
     "none; Ta stays an argument of the law",
 )
 @number_option(
@@ -135,10 +135,12 @@ def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, f
 def _check_predictive(reference: str, adhesion: str | None, initial_speed: float | None, form: str) -> None:
     """Raise InputError if an option is given that only the published law has."""
     if reference != "proportional":
-        raise InputError(f"--reference: {reference!r} goes with --law published; the predictive law holds a slip ratio")
+        raise InputError(
+            f"--reference: {reference!r} is only for --law published; the predictive law holds a slip ratio"
+        )
     if adhesion is not None or initial_speed is not None:
         name = "--initial-speed" if adhesion is None else "--adhesion"
-        raise InputError(f"{name}: goes with --law published; leave it out: the predictive law estimates the torque")
+        raise InputError(f"{name}: is only for --law published; the predictive law estimates the torque; leave it out")
 
 
 def _predictive_program(name: str) -> CProgram:
@@ -165,7 +167,7 @@ def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None,
         law = law_from_file(file, v0, None, assumed=initial_speed is None)
         return law.name, law, file
     if initial_speed is not None:
-        raise InputError("--initial-speed: selects the numbers of an --adhesion file; leave it out without a file")
+        raise InputError("--initial-speed: is only for an --adhesion file whose numbers depend on it; leave it out")
     if adhesion is not None and adhesion.lower().endswith(".py"):
         raise InputError(f"--adhesion: {adhesion}: derive cannot use a Python file; give a law by name, or FILE.toml")
     return None if adhesion is None else law_class(adhesion).name, None, None

@@ -45,25 +45,25 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @preset(
     "--model",
     "|".join(("best", *MODELS)),
-    "Model to fit. best: fit all but bristle_rest and choose the lowest BIC of the models with a formula.",
+    "Model to fit. best: fit all but bristle_rest and choose the model with a formula that has the lowest BIC.",
     "best",
 )
 @preset("--rail", "dry|wet", "Rail condition of the log.", "dry")
 @path_option("--vehicle", "FILE", "Vehicle file.", "the published vehicle")
 @switch("--loaded", "Use the vehicle's loaded wheel load.")
-@number_option("--initial-speed", "km/h", "Speed v0 at which the brake was applied, km/h.", "the log's highest", gt=0)
+@number_option("--initial-speed", "km/h", "Speed v0 at which the brake was applied, km/h.", "highest in the log", gt=0)
 @number_option(
     "--slip-acceleration",
     "m/s^2",
     "Slip acceleration R of the ramps, m/s^2, for bristle and curve.",
-    "the log's; curve: 2.93",
+    "from the log; curve: 2.93",
     gt=0,
 )
 @number_option(
     "--tau",
     "s",
     "Time constant of the observer, s.",
-    "0.05, or five intervals of the log if that is more",
+    "0.05, or five intervals between rows if that is more",
     gt=0,
 )
 @preset(
@@ -141,12 +141,12 @@ def command(
     """
     options = _options(given)
     if len(logs) > 1 and options.initial_speed is not None:
-        raise InputError(f"--initial-speed: goes with one log, but there are {len(logs)}; leave it out")
+        raise InputError(f"--initial-speed: is only for one log, but there are {len(logs)}; leave it out")
     if sum(str(log) == STANDARD_INPUT for log in logs) > 1:
         raise InputError(f"LOG.csv: {STANDARD_INPUT} is given more than once; standard input can be read once")
     if observed is not None:
         if len(logs) > 1:
-            raise InputError(f"--observed: goes with one log, but there are {len(logs)}; run the logs one by one")
+            raise InputError(f"--observed: is only for one log, but there are {len(logs)}; give the logs one by one")
         check_file(observed, "--observed")
         if observed.exists() and any(log.exists() and log.samefile(observed) for log in logs):
             raise InputError(f"--observed: {str(observed)!r} is the log itself; give another file")

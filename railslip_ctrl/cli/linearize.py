@@ -14,7 +14,7 @@ from .settings import HELP, switch
 
 @click.command(context_settings=HELP)
 @case_options()
-@switch("--speed-state", "Keep the train speed as a state instead of freezing it.")
+@switch("--speed-state", "Keep the train speed as a state instead of holding it constant.")
 def command(cases: CaseOptions, as_json: bool, speed_state: bool) -> None:
     """Linearise the plant from brake torque at the wheel to slip velocity, slip ratio and tracking error.
 

@@ -72,7 +72,7 @@ def command(
                 raise InputError(f"{option}: does not go with --controller; leave one out")
     if envelope is not None:
         if certify:
-            raise InputError("--certify: goes with operating points; leave --envelope out")
+            raise InputError("--certify: is only for operating points; leave --envelope out")
         judged = cases.envelope(envelope)
         if controller is not None:
             point = judged.points(nominal=True).plants[0].point
@@ -117,7 +117,7 @@ def given_controller(
     slips = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
     if options.is_file(text):
         if gains is not None:
-            raise InputError(f"--kp: does not go with a controller from a file; write it into {text}")
+            raise InputError(f"--kp: does not go with a controller from a file; write the gain into {text}")
         return options.controller_from_file(text, point.vehicle, slips, point.speed)
     name = options.controller_name(text)
     return controller_named(name, point.vehicle, column=default_column(point.law), gains=gains, reference=slips)

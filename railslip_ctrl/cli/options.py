@@ -51,7 +51,7 @@ _SPEED_TOLERANCE = 0.1  # relative deviation from the log's v0 without a warning
 
 DEFAULT_ENVELOPE = "default"
 
-_SCENARIO, _LAW = "the scenario's", "LAW|FILE.toml|FILE.py"
+_SCENARIO, _LAW = "from the scenario", "LAW|FILE.toml|FILE.py"
 
 
 class Number(click.ParamType[float]):
@@ -150,8 +150,8 @@ class CaseOptions:
         """Return the envelope of a file, of the vehicle, or the default one, narrowed by the other options."""
         if self.masses:
             raise InputError(
-                "--mass: does not go with an envelope, because its loads need mass and wheel load; give --loaded, or "
-                "both in the vehicle's file"
+                "--mass: does not go with an envelope, whose loads need both mass and wheel load; give --loaded, or "
+                "both values in the vehicle's file"
             )
         _ = self.chosen_vehicle  # prints the assumptions about the vehicle
         car = self.given_vehicle
@@ -214,7 +214,7 @@ class CaseOptions:
             except DomainError as error:
                 if self.slip is not None:
                     raise
-                raise InputError(f"--speed: the law's own {' '.join(str(error).split(': ', 1))}") from None
+                raise InputError(f"--speed: the reference {' '.join(str(error).split(': ', 1))}") from None
         if max(speeds) > self.initial_speed:
             other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
             warn(
@@ -538,7 +538,7 @@ def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
     """Return the gains; None, for those of Table 4, if neither is given; InputError if only one is given."""
     if (kp is None) != (ki is None):
         given, missing = ("--kp", "--ki") if ki is None else ("--ki", "--kp")
-        raise InputError(f"{missing}: is missing beside {given}; give both gains, or neither for Table 4's")
+        raise InputError(f"{missing}: missing, but {given} is given; give both, or neither for those of Table 4")
     return None if kp is None or ki is None else PIGains(kp=kp, ki=ki)
 
 

@@ -87,7 +87,7 @@ def command(
 
 
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
-    """Return the adhesion law of the options; the law of a file is for one rail and gives that for the other."""
+    """Return the adhesion law of the options; a file's law is for one rail, and that of the other rail follows."""
     rails = cases.chosen_rails()
     if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)

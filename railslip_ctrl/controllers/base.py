@@ -123,7 +123,7 @@ class Controller(Record):
     follows_reference: ClassVar[bool] = True
     """Whether the controller tracks `reference`; otherwise `reference` is optional and only used to judge the slip."""
     by_rule: ClassVar[bool] = False
-    """Whether `for_vehicle` needs only the vehicle; the name of the kind is then a choice of `--controller`."""
+    """Whether `for_vehicle` needs only the vehicle, so that `--controller` accepts the name of the kind."""
     finds_slip: ClassVar[bool] = False
     """Whether the controller searches for its reference slip during the run; see `held_slip`."""
 
@@ -132,7 +132,7 @@ class Controller(Record):
 
     name: str = Field("", description="name in reports; the kind's name if left out")
     period: float | None = quantity(
-        "s", "sampling period; every step of the run if left out", ge=LEAST_PERIOD, default=None
+        "s", "sampling period; the integration step of the run if left out", ge=LEAST_PERIOD, default=None
     )
     reference: ReferenceSlip | None = Field(REFERENCE, description="reference slip ratio")
 
@@ -267,7 +267,7 @@ class Controller(Record):
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy that assumes the parameters of a `vehicle` where it has none, or those of the vehicle `before`."""
+        """Copy with the parameters of a `vehicle` in place of those that are None or equal those of `before`."""
         changed = {}
         for name in _ASSUMED.keys() & type(self).model_fields.keys():
             now, was = _ASSUMED[name](vehicle), None if before is None else _ASSUMED[name](before)
@@ -367,7 +367,7 @@ class Controller(Record):
         return _source_text(type(self), None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
-        """Numbers for a kernel: reference slip, parameters in a `situation`, arrays; `state` is the initial state."""
+        """Numbers that a kernel reads: reference slip, then the parameters in a `situation`; `state`: initial state."""
         slip = math.nan if self.reference is None else self.reference.on(situation.rail)
         values = {**self.parameters(situation), "period": situation.period, "reference_slip": slip}
         layout = layout_of(type(self))
@@ -376,7 +376,7 @@ class Controller(Record):
 
     @classmethod
     def flat(cls, state: Any) -> list[float]:
-        """Numbers of a state as a list, in the order of a kernel."""
+        """Numbers of a `state` as a list, in the order of a kernel's state array."""
         layout = layout_of(cls)
         arrays = (number for name in layout.state_arrays for number in getattr(state, name))
         return [*(float(getattr(state, name)) for name in layout.state), *map(float, arrays)]
@@ -388,7 +388,7 @@ class Controller(Record):
         return {name: place for place, name in enumerate((*layout.state, *arrays))}
 
     def __reduce__(self) -> Any:
-        """Pickle the controller, with the class of a user's kind, whose file another process cannot import."""
+        """Pickle the controller; for a user's kind also its class, because another process cannot import its file."""
         module = sys.modules.get(type(self).__module__)
         if module is None or getattr(module, "__spec__", None) is not None:
             return super().__reduce__()

@@ -191,7 +191,7 @@ def _stem(name: str) -> str:
 
 
 def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]]) -> tuple[list[str], Any]:
-    """Return the texts of the functions in order, and a function: operation count of a sample for a loop length."""
+    """Return the functions as texts in order, and a function that counts a sample's operations for a loop length."""
     measured = {MEASUREMENT: f"{prefix}_measurement"}
     lengths = {
         (role, member.name): member.length

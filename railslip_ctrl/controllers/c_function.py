@@ -42,7 +42,7 @@ def c_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Structures:
-    """C types of the structures by role, lengths of their arrays by role and field, and prefix of function names."""
+    """C types of structures by role (state, parameters), lengths of arrays by role and field, prefix of functions."""
 
     types: Mapping[str, str]
     lengths: Mapping[tuple[str, str], int] = field(default_factory=dict)

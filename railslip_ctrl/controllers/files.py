@@ -91,7 +91,7 @@ def structure_named(name: str | type[Controller]) -> type[Controller]:
     if isinstance(name, str) and name.lower().endswith(".py"):
         path, name = Path(name), _from_python(Path(name))
         if not is_kind(name):
-            raise InputError(f"structure: {file_name(path)} assigns no class of a kind to CONTROLLER; give one")
+            raise InputError(f"structure: CONTROLLER in {file_name(path)} is not the class of a kind; assign one")
     if is_kind(name):
         if name.loop is Controller.loop and name.linear is Controller.linear:
             raise InputError(f"structure: {name.kind} cannot be tuned: {name.no_loop}; simulate and campaign run it")

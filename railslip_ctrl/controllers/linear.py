@@ -23,7 +23,7 @@ from .systems import LinearController, PolynomialController, StateSpaceControlle
 TORQUE_LIMIT = 9000.0
 """Full brake torque of the published vehicle, N*m: twice the torque at an adhesion coefficient of 0.3."""
 
-_MOST_COEFFICIENTS = 12  # largest number of coefficients of a polynomial in `design`
+_MOST_COEFFICIENTS = 12  # largest number of coefficients of a polynomial on the design page
 
 TRACKING_TIME = 2.0
 """Tracking time of the anti-windup, s; from 1 to 5 s the braking distance changes by less than 1 %."""
@@ -52,7 +52,7 @@ class LinearControl(Controller):
 
     source: ClassVar[str] = "[Astrom1997] 8, 9"
 
-    period: float | None = quantity("s", "sampling period; every step if left out", ge=LEAST_PERIOD, default=None)
+    period: float | None = quantity("s", "sampling period; integration step if left out", ge=LEAST_PERIOD, default=None)
     radius: float | None = quantity("m", "assumed wheel radius; the vehicle's if left out", gt=0, default=None)
     torque_min: float | None = quantity("N*m", "smallest torque; none if left out", default=None)
     torque_max: float | None = quantity("N*m", "largest torque; none if left out", default=None)
@@ -61,7 +61,7 @@ class LinearControl(Controller):
         "s", "tracking time of the anti-windup; that of the slowest zero if left out", gt=0, default=None
     )
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
-    hand_over_speed: float = quantity("m/s", "train speed below which it does not control slip", ge=0, default=0.0)
+    hand_over_speed: float = quantity("m/s", "train speed below which slip is not controlled", ge=0, default=0.0)
     hand_over_torque: float = quantity("N*m", "torque below this speed", default=0.0)
     rule: Rule = Field(Rule.BACKWARD, description="rule that converts the system to a difference equation")
 
@@ -71,22 +71,22 @@ class LinearControl(Controller):
         error: float = quantity("m/s", "slip error of the previous sample", default=0.0)
         unlimited_torque: float = quantity("N*m", "torque of the previous sample, without limits", default=0.0)
         states: tuple[float, ...] = quantity("1", "states of the difference equations", default=())
-        room: tuple[float, ...] = quantity("1", "memory for the next states", default=())
+        room: tuple[float, ...] = quantity("1", "temporary values of the next states", default=())
 
     class Parameters(Record):
         """Numbers that the step reads: difference equations, limits and hand-over."""
 
         radius: float = quantity("m", "wheel radius")
-        hand_over_speed: float = quantity("m/s", "speed below which it does not control slip")
+        hand_over_speed: float = quantity("m/s", "speed below which slip is not controlled")
         hand_over_torque: float = quantity("N*m", "torque below this speed")
         torque_min: float = quantity("N*m", "smallest torque")
         torque_max: float = quantity("N*m", "largest torque")
-        direct: float = quantity("N*m/(m/s)", "from the error to the torque")
-        output: tuple[float, ...] = quantity("1", "from the states to the torque")
-        now: tuple[float, ...] = quantity("1", "from the error to the states")
-        before: tuple[float, ...] = quantity("1", "from the previous error to the states")
-        tracking: tuple[float, ...] = quantity("1", "from applied minus unlimited torque to the states")
-        transition: tuple[float, ...] = quantity("1", "from the states to the next states, by rows")
+        direct: float = quantity("N*m/(m/s)", "gain from the error to the torque")
+        output: tuple[float, ...] = quantity("1", "gains from the states to the torque")
+        now: tuple[float, ...] = quantity("1", "gains from the error to the states")
+        before: tuple[float, ...] = quantity("1", "gains from the previous error to the states")
+        tracking: tuple[float, ...] = quantity("1", "gains from applied minus unlimited torque to the states")
+        transition: tuple[float, ...] = quantity("1", "matrix from the states to the next states, by rows")
 
     @property
     @abstractmethod
@@ -141,7 +141,7 @@ class LinearControl(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with limits of 0 and the vehicle's full brake, and with anti-windup."""
+        """Return the controller with torque from 0 to the vehicle's full brake, and with anti-windup."""
         return cls(**{"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), **given}).believing(vehicle)
 
 
@@ -219,9 +219,9 @@ class StateSpace(SystemControl):
     title: ClassVar[str] = "linear system by its matrices"
 
     A: tuple[tuple[float, ...], ...] = quantity("1", "state matrix by rows")
-    B: tuple[float, ...] = quantity("1", "from the error to the states")
-    C: tuple[float, ...] = quantity("1", "from the states to the torque")
-    D: float = quantity("1", "from the error to the torque", default=0.0)
+    B: tuple[float, ...] = quantity("1", "gains from the error to the rates of the states")
+    C: tuple[float, ...] = quantity("1", "gains from the states to the torque")
+    D: float = quantity("1", "gain from the error to the torque", default=0.0)
 
     @model_validator(mode="before")
     @classmethod

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Rows = NDArray[np.intp]
 
 KEPT = 1024  #: number of operating points whose linear wheel is cached; an envelope with tolerances has 300 to 400
-_GRID, _LOWEST = 250, 1e-3  # number of frequencies of the first grid; lowest frequency over 1/(dead time + lag)
+_GRID, _LOWEST = 250, 1e-3  # number of frequencies of the first grid; lowest frequency times (dead time + lag)
 _REFINEMENTS, _FINE_GRID = 5, 9  # number of refinements at a peak, points of each; relative error of the peak 1e-9
 _TURN = 1.0  # rad, largest change of the angle of D + N between frequencies, which makes the winding number reliable
 _NARROWEST = 1e-9  # rad/s, smallest interval of frequencies; it would be smaller only at a zero on the circle
@@ -136,8 +136,9 @@ class SampledLaws:
 
 @dataclass(frozen=True)
 class SampledLaw:
-    """Sampled loop of the predictive law in one case, the only one of `of`.
+    """Sampled loop of the predictive law in one case.
 
+    - of: the `SampledLaws` of this case alone.
     - wheel: matrix of the wheel from `linear_wheel`, (m + 1, m + 2).
     - brake: dead time and lag, s.
     """
@@ -231,7 +232,10 @@ class SampledLaw:
 def sampled_laws(
     law: Any, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
 ) -> Iterator[tuple[Rows, SampledLaws]]:
-    """Yield the indices and the loops of cases with equal order; `case` is that of `Controller.stable_and_ms`."""
+    """Group the cases whose sampled loops have the same order; yield indices and loops of the cases of each group.
+
+    - case: for each case its index in `points` and its index in `brakes`, (n,) each.
+    """
     wheels = [linear_wheel(point) for point in points]
     slips = np.array([point.slip for point in points])
     lag, dead_time = (np.array([getattr(brake, name) for brake in brakes])[case[1]] for name in ("lag", "dead_time"))
@@ -248,7 +252,7 @@ def sampled_laws(
 
 @lru_cache(KEPT)
 def linear_wheel(point: OperatingPoint) -> Floats:
-    """Return the matrix of the linear wheel, (m + 1, m + 2), for a constant train speed in the coefficients.
+    """Return the matrix of the linear wheel, (m + 1, m + 2); its coefficients are those of a constant train speed.
 
     Its rows are the rates of slip velocity, adhesion state and train speed; its columns are these m + 1 states and the
     acting torque.

@@ -60,12 +60,12 @@ class SampledController:
 
     phi, now and before follow exactly from the rule, or are those of a discrete design. `acted` is the torque that the
     brake applied. While a limit acts, `back` moves the slow poles and leaves the poles of leads and filters unchanged.
-    To find them, poles and zeros are sorted by magnitude; a pole slower than its zero, of magnitude 1/T, moves to
-    z = 1 - h/T. If all poles move to the zeros, this is the conditioned controller of [Hanus1987]: its states are those
-    for an error that gives exactly the applied torque. For a PI it is back-calculation with Tt = kp/ki. `linear_step`
-    evaluates the equations.
+    To find them, poles and zeros are sorted by magnitude and paired; a pole slower than its zero moves to z = 1 - h/T,
+    where 1/T is the magnitude of the zero. If all poles move to the zeros, this is the conditioned controller of
+    [Hanus1987]: its states are those for an error that gives exactly the applied torque. For a PI it is
+    back-calculation with Tt = kp/ki. `linear_step` evaluates the equations.
 
-    - design: linear system, as for `systems.linear_controller`; the field has the record that this returns.
+    - design: linear system, as for `systems.linear_controller`; the field is the record that this function returns.
     - period: h, s, > 0; for a discrete design the period of the design. With Tustin's rule no real pole may be faster
       than 2/h, because its response would alternate in sign.
     - torque_min, torque_max: limits of the command, N*m, torque_min < torque_max; for a brake 0 and the full brake.
@@ -242,7 +242,9 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
         return
     if design.period is not None:
         if not math.isclose(design.period, h):
-            raise InputError(f"period: {h:g} s is not allowed with a discrete controller of {design.period:g} s")
+            raise InputError(
+                f"period: {h:g} s is not allowed; give that of the discrete controller, {design.period:g} s"
+            )
         return
     poles = design.transfer_function.poles
     real = poles[poles.imag == 0].real
@@ -295,7 +297,7 @@ def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float
 
 
 def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """Return phi, now, before, C and D of the difference equations."""
+    """Return phi, now, before, C and D of the difference equations of `SampledController`."""
     a, b, c, d = _continuous(design)
     identity = np.eye(b.size)
     if not isinstance(design, PIController) and design.period is not None:

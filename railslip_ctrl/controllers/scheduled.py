@@ -75,7 +75,9 @@ class GainSchedule:
         number("speed", speed, "m/s", gt=0)
         mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
         if not mine:
-            raise InputError(f"rail: the schedule has no entries for {rail} rail; tune them or choose another")
+            raise InputError(
+                f"rail: the schedule has no entries for {rail} rail; tune it for this rail, or choose another"
+            )
         speeds = [e.speed_kmh for e in mine]
         kp = float(np.interp(speed / KMH, speeds, [e.gains.kp for e in mine]))
         ki = float(np.interp(speed / KMH, speeds, [e.gains.ki for e in mine]))
@@ -105,7 +107,7 @@ class GainSchedule:
             raise
         except (ValueError, KeyError, TypeError) as error:
             reason = " ".join(str(error).split())
-            raise InputError(f"gain schedule: is not JSON of a schedule ({reason}); write it by to_json") from None
+            raise InputError(f"gain schedule: not a schedule in JSON ({reason}); write it with to_json") from None
         return cls(tuple(entries), *others)
 
 
@@ -127,7 +129,7 @@ class Scheduled(Controller):
         "s", "tracking time of the anti-windup; kp/ki if left out", gt=0, default=None
     )
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
-    rule: Rule = Field(Rule.BACKWARD, description="rule that makes the PI a difference equation")
+    rule: Rule = Field(Rule.BACKWARD, description="rule that converts the PI to a difference equation")
 
     class State(Record):
         """State of lead and PI."""
@@ -142,8 +144,8 @@ class Scheduled(Controller):
 
         radius: float = quantity("m", "wheel radius")
         lead_pole: float = quantity("1", "pole of the lead in z")
-        lead_now: float = quantity("1", "from the error to the filtered error")
-        lead_before: float = quantity("1", "from the previous error to the filtered error")
+        lead_now: float = quantity("1", "weight of the error in the filtered error")
+        lead_before: float = quantity("1", "weight of the previous error in the filtered error")
         weight_now: float = quantity("s", "weight of the filtered error in the integral")
         weight_before: float = quantity("s", "weight of the previous filtered error in the integral")
         tracking: float = quantity("1", "sampling period over tracking time; if negative, period times ki/kp is used")
@@ -240,7 +242,7 @@ class Scheduled(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the given `schedule`, limits of 0 and the full brake, and anti-windup."""
+        """Return the controller with the given `schedule`, torque from 0 to the full brake, and anti-windup."""
         limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), "tracking_time": TRACKING_TIME}
         return cls(**{**limits, **given}).believing(vehicle)
 

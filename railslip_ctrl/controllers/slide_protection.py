@@ -17,7 +17,7 @@ from .base import LEAST_PERIOD, Controller
 from .linear import full_brake_torque
 
 _WEAK_RAIL, _BEST_RAIL = 0.05, 0.35  # adhesion coefficients of a very slippery rail and of the best rail
-_DUMPED = 0.8  # torque dumped in dead time plus lag, in N r: 0.35 of the best rail, the rest to speed up the wheel
+_DUMPED = 0.8  # torque dumped in dead time plus lag over load times radius: 0.35 of the best rail, 0.45 for the wheel
 _FILTER_TIME = 0.05  # s, default time constant of the wheel-speed filter
 
 
@@ -109,10 +109,10 @@ class SlideProtection(Controller):
         """Return the controller with thresholds and rates for a vehicle.
 
         The reaction time to a slide is the dead time plus the lag of the brake. In this time the valve fills the torque
-        of a very slippery rail, or dumps sixteen times as much. `dump_deceleration` is the train's deceleration on the
-        best rail plus that of the wheel by a random force ([Park2008] p. 55: 0.0125 of the wheel load, times r^2/J at
-        the rim). The filter removes the wheel's oscillation on the rolling contact, about 5 Hz, which is not a
-        slide. The slips keep their defaults.
+        that a very slippery rail can carry, or dumps sixteen times as much. `dump_deceleration` is the train's
+        deceleration on the best rail plus that of the wheel by a random force ([Park2008] p. 55: 0.0125 of the wheel
+        load, times r^2/J at the rim). The filter removes the wheel's oscillation on the rolling contact, about
+        5 Hz, which is not a slide. The slips keep their defaults.
         """
         wheel, actuator = vehicle.wheel, vehicle.actuator
         time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default

@@ -54,7 +54,7 @@ class Sliding(Controller):
     kind: ClassVar[str] = "asmc"
     title: ClassVar[str] = "published adaptive sliding-mode law"
     source: ClassVar[str] = "[Park2008] (45), (49)"
-    no_loop: ClassVar[str] = "it switches on s, and it is not linear"
+    no_loop: ClassVar[str] = "it switches with the sign of s, and it is not linear"
 
     K: float = quantity("N*m", "gain on sgn s", ge=0)
     D: float = quantity("N*m/(m/s)", "gain on s", gt=0)
@@ -98,7 +98,7 @@ class Sliding(Controller):
 
     @property
     def gains(self) -> LawGains:
-        """Gains as the record that the verification of the law uses."""
+        """Gains of the law, as the record that its verification uses."""
         names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "box", "dead_zone")
         return LawGains(**{name: getattr(self, name) for name in names})
 

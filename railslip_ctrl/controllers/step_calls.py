@@ -1,4 +1,4 @@
-"""Calls of a user's step from a kernel by the address of the step, without compiling a kernel for this step."""
+"""A kernel calls a user's step by its address, so that one compiled kernel serves every step."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 STEP = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.c_void_p)
-"""C type of a step: time (s), train speed (m/s), wheel speed (rad/s) and address of the state to torque (N*m)."""
+"""C type of a step: a function of time (s), train speed (m/s), wheel speed (rad/s) and the address of the state.
+
+It returns the torque (N*m).
+"""
 
 
 def address_of(step: Any) -> int:

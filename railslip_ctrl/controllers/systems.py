@@ -143,7 +143,7 @@ class StateSpaceController(_System):
         order = len(self.a)
         if any(len(part) != order for part in (*self.a, self.b, self.c)):
             shape = f"{order} by {max(map(len, self.a), default=0)}, {len(self.b)} and {len(self.c)}"
-            raise InputError(f"state space: shapes {shape} do not fit; give n by n, n and n")
+            raise InputError(f"state space: the shapes of a, b, c, {shape}, do not fit; give n by n, n and n")
         a = np.array(self.a, dtype=float).reshape(order, order)
         return Rational.from_state_space(a, np.array(self.b), np.array(self.c), np.array([self.d]))
 
@@ -216,7 +216,7 @@ def _check_object(controller: Any) -> None:
     """Raise InputError if a controller is given as text or as a class."""
     if isinstance(controller, str):
         raise InputError(
-            f"controller: {shown(controller)} is a text; give a controller object, from a file by load_controller"
+            f"controller: {shown(controller)} is text; give a controller object, or read the file with load_controller"
         )
     if inspect.isclass(controller):
         raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")
@@ -247,7 +247,7 @@ def linear_of(controller: Any) -> Any:
 def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:
     """Return the system that the method `linear` of a user's object gives at a point."""
     if point is None:
-        raise InputError(f"controller {name}: its linear system depends on the operating point; give one")
+        raise InputError(f"controller {name}: its linear system depends on the operating point; give a point")
     try:
         system = linear(point)
     except InputError:

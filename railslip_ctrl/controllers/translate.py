@@ -76,7 +76,7 @@ class Function:
         return tuple(argument.arg for argument in self.node.args.args)
 
     def role(self, node: ast.AST) -> str | None:
-        """Return the role of an expression that is an argument of the function; None for any other expression."""
+        """Return the role in `ROLES` of an expression that is an argument of the function; None for any other one."""
         return self.roles.get(node.id) if isinstance(node, ast.Name) else None
 
     def all(self) -> dict[str, Function]:
@@ -147,8 +147,8 @@ def _read(
     if function in known:
         if dict(known[function].roles) != dict(roles):
             raise InputError(
-                f"{_place(function, 0)}: {function.__name__} is called with different roles of arguments; call it with "
-                "the same roles everywhere"
+                f"{_place(function, 0)}: calls of {function.__name__} give state, measurement or parameters in "
+                "different arguments; use the same arguments in every call"
             )
         return known[function]
     try:
@@ -234,7 +234,7 @@ def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
 def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tuple[ast.AST, str]]:
     """Yield returns that are not allowed, with the reason."""
     if len({_values(node) for node in returns}) > 1:
-        yield returns[-1], "the returns have different counts of numbers; return the same count everywhere"
+        yield returns[-1], "the returns give different numbers of values; return as many values everywhere"
     if returned_values(read) and not ends(read.node.body):
         yield read.node, f"{read.name} may end without a return; end it with one"
 
@@ -289,8 +289,8 @@ def _names(
             given = [{name: read.role(arg) for name, arg in zip(names, node.args, strict=True)} for node in called]
             if any(roles != given[0] for roles in given):
                 raise InputError(
-                    f"{where}: {part.id} is called with different roles of arguments; call it with the same roles "
-                    "everywhere"
+                    f"{where}: calls of {part.id} give state, measurement or parameters in different arguments; use "
+                    "the same arguments in every call"
                 )
             roles = {name: role for name, role in given[0].items() if role is not None}
             calls[part.id] = _read(value, roles, known, above)
@@ -366,7 +366,7 @@ ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
 def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
     """Return the functions of a step as kernel text; the last one is `command(x, t, v, omega, applied, c, table)`.
 
-    Arguments of the step that have no role come after these.
+    Arguments of the step other than state, measurement and parameters come after these.
     """
     functions = [function for function in step.all().values() if not function.is_outside]
     printed = [f"@compiled\n{ast.unparse(_Printer(function, layout).printed())}\n" for function in functions]
@@ -431,7 +431,7 @@ class _Printer(ast.NodeTransformer):
         return ast.Subscript(ast.Name(array, ast.Load()), index, node.ctx)
 
     def _array(self, node: ast.expr) -> tuple[int, str, str]:
-        """Return the index of the header, the name and the array of an array field."""
+        """Return for an array field the result of `Layout.array_header`, its variables' suffix, and its array."""
         if not isinstance(node, ast.Attribute) or (role := self._function.role(node.value)) is None:
             raise InputError(
                 f"{self._function.name}: {ast.unparse(node)} is not an array; give an array of state or parameters"

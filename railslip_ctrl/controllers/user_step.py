@@ -111,7 +111,7 @@ class StepControl(Controller):
     no_loop: ClassVar[str] = "only its step is known"
     follows_reference: ClassVar[bool] = False
 
-    period: float | None = quantity("s", "sampling period; every step if None", ge=LEAST_PERIOD, default=PERIOD)
+    period: float | None = quantity("s", "sampling period; integration step if None", ge=LEAST_PERIOD, default=PERIOD)
     reference: ReferenceSlip | None = None
     thing: Any = None
     start_numbers: tuple[float, ...] = ()
@@ -138,7 +138,7 @@ class StepControl(Controller):
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
         raise InputError(
-            f"controller {self.label}: only has a Python step; give a built-in kind or the class of a kind"
+            f"controller {self.label}: a Python step alone cannot be used here; give a controller of a kind"
         )
 
     def source_text(self) -> str:

@@ -83,8 +83,8 @@ class StampFilter(RowFilter):
     An outlier is a single stamp more than `FAR_STAMP` usual intervals away from both neighbours, or from its only
     neighbour at an end of the log. Without it the time must grow over `BESIDE` rows on either side. Two outliers within
     `BESIDE` rows count as a second clock and are refused. Repeated stamps and smaller steps back are also refused. A
-    stamp far ahead counts as a gap if the time continues from it or if it is in the last row; so does a stamp far
-    behind in the first row. Errors begin with the log's `name`.
+    long step forward is a gap, not an outlier, if the time continues from the later stamp, if it leads to the last row,
+    or if it follows the first row. Errors begin with the log's `name`.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -313,7 +313,9 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
                 raise InputError(f"{option} {name}: {value:g} is not allowed; give a finite value")
     for name, delay in delays.items():
         if abs(delay) > LONGEST_DELAY:
-            raise InputError(f"`delays` {name}: {delay:g} s is not allowed; give at most {LONGEST_DELAY:g} s each way")
+            raise InputError(
+                f"`delays` {name}: {delay:g} s is not allowed; give -{LONGEST_DELAY:g} to {LONGEST_DELAY:g} (s)"
+            )
 
 
 class Alignment:

@@ -201,7 +201,7 @@ def _error_of_median(values: Floats) -> float:
 # --- findings from free rolling ------------------------------------------------------------------------------------
 
 _FALSE_ALARM = 0.001  # false-alarm probability of a finding
-_LEAST_SLIP = 5e-4  # slip ratio, as of 0.2 mm of the radius; a smaller slip may be an error of the log's speeds
+_LEAST_SLIP = 5e-4  # slip ratio due to 0.2 mm of the radius; a smaller slip may be an error of the log's speeds
 _LEAST_OF_PEAK = 0.003  # of the slip at the peak; a smaller slip shifts a fit by less than its errors
 _LEAST_MU = 0.001  # torque offset by wheel load and radius; a smaller offset is within the errors of a good fit
 _OTHER_UNIT = 0.15  # slip ratio; wear of the wheel causes less, so a larger slip is due to a wrong unit

@@ -124,7 +124,7 @@ class Coordinates:
         return np.maximum(result, _SMALLEST)
 
     def inside(self, x: Floats, margin: float) -> Floats:
-        """Move x off its bounds by a margin, in sizes, because a search hardly leaves a bound on which it starts."""
+        """Move x off its bounds by `margin` times `sizes`, because a search hardly leaves a bound where it starts."""
         off = margin * self.sizes(x)
         low, high = self.lower + off, self.upper - off
         return np.where(low < high, np.clip(x, low, np.maximum(low, high)), np.clip(x, self.lower, self.upper))
@@ -146,7 +146,7 @@ class Coordinates:
         return float(self.lower[index]), float(self.upper[index])
 
     def moved(self, values: Floats, index: int, value: float) -> Floats:
-        """Values with the value at `index` changed; in a pair the other value changes too, to keep gamma/beta."""
+        """Values with the value at `index` changed; if beta and gamma are a `pair`, both change by the same factor."""
         result = values.copy()
         if self.pair is not None and index in self.pair:
             other = self.pair[1 - self.pair.index(index)]
@@ -294,7 +294,7 @@ def spline(knots: Floats, values: Floats) -> Callable[[Floats], Floats]:
     return PPoly(each.c @ np.asarray(values), each.x)  # type: ignore[no-any-return]
 
 
-_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # placeholders: of the vehicle, the force depends on N alone
+_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # placeholders for vehicle data; the force needs only N
 
 
 def shape_of(cells: Cells, peak_slip: float) -> Shape:
@@ -355,7 +355,9 @@ def _restricted(model: FitModel, setting: Setting) -> FitModel:
             raise InputError(f"`bounds` {name}: {low:g}:{high:g} is not allowed; give the lower bound first")
         lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
         if not lower[i] < upper[i]:
-            raise InputError(f"`bounds` {name}: {low:g} to {high:g} is empty; include values > {lower[i]:g}")
+            raise InputError(
+                f"`bounds` {name}: {low:g} to {high:g} has no allowed value; include values > {lower[i]:g}"
+            )
     if not names:
         raise InputError(f"`fixed`: every parameter of {model.name!r} is fixed; leave one to be fitted")
     starts = np.clip(model.starts[:, keep], lower, upper)

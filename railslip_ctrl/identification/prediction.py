@@ -60,8 +60,8 @@ _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of
 _CONVERGED = 1e-10  # relative tolerance of the sum of squares
 _SEARCH = 300  # most evaluations of the errors and their Jacobian
 _SAME_MINIMUM = 1e-6  # relative difference of the sums of squares of searches that reached the same minimum
-_FOLLOWED_CELLS = 100  # cells over the root of the slip ratio
-_SPLINE_POINTS = 256  # over the root of the slip; the error is some 256^-4 of mu
+_FOLLOWED_CELLS = 100  # number of cells, equally wide in the square root of the slip ratio
+_SPLINE_POINTS = 256  # number of points, equally spaced in the square root of the slip; the error is 256^-4 of mu
 _SPLINE_REACH = 0.005  # slip by which the spline extends beyond the record's highest slip, for predictions
 
 
@@ -164,7 +164,7 @@ class PredictionErrors:
         return np.asarray(np.sign(sigma) * force)
 
     def _curve(self, values: tuple[float, ...]) -> Any:
-        """Spline of mu over the root of the slip, for a model without speed dependence; cached for the last values."""
+        """Spline of mu over the square root of the slip, for a model without speed dependence; the last is cached."""
         from scipy.interpolate import CubicSpline
 
         if self._spline is None or self._spline[0] != values:
@@ -200,7 +200,7 @@ class PredictionErrors:
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
 
     def followed(self, values: Floats) -> Floats:
-        """Slip and mu of the bristle model along the runs, averaged in cells of the slip's root: (2, cells)."""
+        """Slip and mu of the bristle model along the runs: means over `_FOLLOWED_CELLS` cells of slip, (2, cells)."""
         errors, sigma, mean, left = self._bristles(values)
         assert errors.start is not None
         assert self._factor is not None, "set_variances comes first"

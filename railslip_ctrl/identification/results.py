@@ -46,14 +46,14 @@ class Regimes:
 
 
 def regimes_of(peak: float, model: str, cells: Cells, otherwise: Regimes) -> Regimes:
-    """Split at the `peak` (slip ratio) of a model if the data go past it, else return `otherwise`."""
+    """Regimes split at the `peak` (slip ratio) of a model if the log has larger slips; else `otherwise`."""
     if peak <= float(cells.slip.max()):  # false for NaN
         return Regimes(peak, f"the peak of {model}")
     return otherwise
 
 
 def regimes_of_data(cells: Cells) -> Regimes:
-    """Split at the highest measured mu. Fallback if no model has a peak; on a flat curve noise decides where it is."""
+    """Regimes split at the highest measured mu, if no model has a peak; on a flat curve noise decides where it is."""
     return Regimes(peak_slip(cells), "the highest mean mu of the log")
 
 

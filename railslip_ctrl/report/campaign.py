@@ -199,7 +199,7 @@ def _mean_table(summary: CampaignSummary) -> RenderableType:
         for c in summary.controllers.values():
             statistics, moments = c.measures[measure.name], c.measures[measure.name].moments
             spread = (moments.std, moments.low, moments.high) if moments.count else (None, None, None)
-            runs = str(moments.count) + (f" ({statistics.excluded} without)" if statistics.excluded else "")
+            runs = str(moments.count) + (f" ({statistics.excluded} without a value)" if statistics.excluded else "")
             numbers = (_shown(measure, value, 3) for value in spread)
             rows.append(
                 (measure_head(measure), c.name, runs, _with_interval(moments.estimate, measure.scale), *numbers)

@@ -37,7 +37,7 @@ TIE = 0.02
 PREFERENCES = ("distance", "robustness")
 
 NOT_RUN = "not run in the harder stops"
-"""Reason of a candidate that did not run the harder stops: others are better in the nominal stops."""
+"""Reason given for a candidate that did not run the harder stops: others are better in the nominal stops."""
 
 NEARLY_UNSTABLE = 50.0
 """Largest worst Ms with tolerances of a candidate that qualifies, a ratio.
@@ -60,9 +60,9 @@ _COMPLETE = 2  # number of qualified candidates that run the harder stops: the b
 _NEAR = 0.1  # relative difference of nominal mean stops, or of worst Ms, that the harder stops may reverse
 
 Beside = Callable[..., Callable[[], Any]]
-"""Function that starts another function with its arguments in a second process; it returns a function for the result.
+"""Function that starts another function with its arguments in a second process, and returns a function.
 
-Without a second process, the call for the result computes it.
+A call of the returned function waits for the result and returns it. Without a second process this call computes it.
 """
 
 
@@ -70,7 +70,7 @@ Without a second process, the call for the result computes it.
 class Trial:
     """A candidate with its results in the stops of the report.
 
-    - above_kmh: speed, km/h, above which it qualifies; None, with the `reason`, if it does not qualify.
+    - above_kmh: speed, km/h, above which the candidate qualifies; None, with the `reason`, if it does not qualify.
     - lowest_kmh: lowest speed, km/h, that counts for its worst Ms.
     - stops: nominal stops.
     - harder: stops with errors and on a changing rail; empty if it cannot be the best.
@@ -87,7 +87,7 @@ class Trial:
 
     @property
     def judgement(self) -> Judgement | None:
-        """Judgement of its design; None for a controller without margins."""
+        """Judgement of the candidate's design; None for a controller without margins."""
         return None if self.choice.design is None else self.choice.design.judgement
 
     def distance(self) -> float:
@@ -165,9 +165,9 @@ class Remedy:
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
     """Run the harder stops for trials that can be the best, and sort all trials, the best first.
 
-    The trials run in the order of their nominal stops until `_COMPLETE` qualify, and further if they are within `_NEAR`
-    of the first. If none qualifies, the least bad trial and slide protection run the harder stops. If `nominal`, none
-    runs them, unless none qualifies. `submit` starts functions in a second process.
+    Trials run the harder stops in the order of their mean nominal stop (`prefer` "robustness": worst Ms) until
+    `_COMPLETE` of them qualify; then those within `_NEAR` of the first also run them. If none qualifies, the least bad
+    trial and slide protection run them. If `nominal`, none runs them. `submit` starts functions in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)
@@ -354,7 +354,7 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
 
 
 def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
-    """First of the `FASTER` brakes with which an untuned controller qualifies; the least bad one is tried first.
+    """First of the `FASTER` brakes with which an untuned controller qualifies; the least bad controller is tried first.
 
     Tuning and trials have already tried smaller slips and higher hand-over speeds.
     """

@@ -61,8 +61,8 @@ _RANKED = {
     "distance": f"shortest mean stop (within {100 * TIE:g} %: smallest worst Ms, then least air)",
     "robustness": f"smallest worst Ms (within {100 * TIE:g} %: shortest mean stop, then least air)",
 }
-_PAPER = "railslip reproduce --out DIR shows the errata of [Park2008] and the units that reproduce its numbers."
-_MOST_WORDS = 60  # words of headline, reasons, risks and actions; with the numbers they are read in a minute
+_PAPER = "railslip reproduce --out DIR shows the errata of [Park2008] and the units in which its numbers hold."
+_MOST_WORDS = 60  # largest number of words of headline, reasons, risks and actions, which can be read in a minute
 _MOST_NOTES = 8  # largest number of notes on skipped points and on reference slips near the peak
 
 
@@ -315,7 +315,10 @@ def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
-    """At most ten numbers with their cases, over the speeds at which the design is used."""
+    """Rows of the first page's table: at most ten quantities with their worst values, and the cases of these values.
+
+    The values are those at the speeds at which the design is used.
+    """
     judged = report.in_use
     if judged is None:
         point, limits = max(report.limits, key=lambda item: item[1].ms_bound)
@@ -530,7 +533,7 @@ def _candidates(report: DesignReport) -> Section:
         if not any(_same(choice, trial.choice) for trial in report.trials):
             rows.append((*_choice_cells(choice), choice.reason or "less robust than the designs that ran"))
     head = ("Candidate", "Stable from, km/h", "Robust from, km/h", "Worst Ms where stable", "Reason")
-    rest = Table(head, rows, caption=f"Candidates that do not qualify; {NOT_RUN}: others are better.")
+    rest = Table(head, rows, caption=f"Candidates that do not qualify, or are {NOT_RUN} as others are better.")
     return Section("candidates", "Candidates", (Paragraph(text), ran, *([rest] if rows else [])))
 
 
@@ -586,7 +589,7 @@ def _rivals(report: DesignReport) -> Section | None:
         "Controller", "Verdict over the envelope", "Stable from, km/h", "Worst Ms where stable", "With tolerances",
         f"Longest stops, {first.law}, {first.load}",
     )  # fmt: skip
-    return Section("given", "Your controllers", (Table(head, rows, caption="All are judged and run in the same way."),))
+    return Section("given", "Your controllers", (Table(head, rows, caption="Judged and run like the candidates."),))
 
 
 def _stops(report: DesignReport, again: str = "") -> Section | None:

@@ -76,7 +76,7 @@ class Table:
     """Table with a line below its head.
 
     In text the first `left` columns and those with an index in `text_columns` are aligned left, others right. Cells of
-    the first `whole` columns are never broken. Columns that do not fit follow in another table below, which repeats the
+    the first `whole` columns are never wrapped. Columns that do not fit follow in another table below with the
     first `left` columns. On a page columns of numbers are aligned right, `caption` is above the table, and `wide`
     selects smaller letters.
     """

@@ -54,8 +54,8 @@ def number(value: float) -> float | None:
 def plain(value: Any) -> Any:
     """Convert a value to JSON types.
 
-    Arrays and tuples become lists, named tuples objects, complex numbers [re, im], and numbers that are not finite
-    null.
+    Arrays and tuples become lists. Named tuples become objects. Complex numbers become [re, im]. Numbers that are not
+    finite become null.
     """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

@@ -108,7 +108,7 @@ def _load_of(result: Identification) -> str:
     """Return a remark if the wheel load of the log differs from that of the vehicle."""
     own = result.vehicle.wheel_load
     same = math.isclose(result.setting.wheel_load, own, rel_tol=1e-6)
-    return "" if same else f" (the log's; the vehicle's is {own:g} N)"
+    return "" if same else f" (in the log; the vehicle has {own:g} N)"
 
 
 def _log_facts(result: Identification) -> list[tuple[str, str]]:
@@ -208,7 +208,7 @@ def _peak_warning(result: Identification) -> str:
     known = f"has a 99 % interval from {max(low, 0.0):.3g}" if math.isfinite(low) else "has no 99 % interval"
     return (
         f"; the peak slip {known}; the reference slip, with mu {lost:.0f} % below the highest, may be beyond it; "
-        "record a log with more slip around the peak"
+        "record a log with more samples near the peak"
     )
 
 
@@ -240,7 +240,7 @@ def model_toml(found: Identification) -> str:
 
 
 def series_toml(result: LogSeries) -> str | None:
-    """Return the law over the initial speed as TOML text; None for tables, whose knots differ."""
+    """Return the law over the initial speed as TOML text; None for table laws, whose knots differ between logs."""
     fits, speeds = [each.chosen.fit for each in result.logs], [each.setting.initial_speed for each in result.logs]
     if fits[0].model.name == "table":
         return None
@@ -260,7 +260,7 @@ def series_toml(result: LogSeries) -> str | None:
 
 
 def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
-    """Return lines with the standard errors of a polynomial's coefficients, which are correlated, and values."""
+    """Return lines with the standard errors of a polynomial's coefficients, which are correlated, and of its values."""
     if not all(math.isfinite(x) for x in p.stderrs):
         return (f"{p.name}: standard errors unknown, because a log has none",)
     values = (f"{p.stderr_at(speed):.3g} at {speed:.4g} km/h" for speed in sorted({*p.speeds_kmh.tolist()}))
@@ -320,7 +320,7 @@ def _head(
     lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
     if speeds_kmh is not None:
         lines.append(f"initial_speed_range = {_number(speeds_kmh)}  # km/h, range of v0 of the parameters")
-    return [*lines, f"wheel_load = {wheel_load!r}  # N, of the log; force parameters are valid for this load"]
+    return [*lines, f"wheel_load = {wheel_load!r}  # N, in the log; force parameters are valid for this load"]
 
 
 def polynomials_toml(
@@ -391,7 +391,10 @@ def identification_json(result: Identification) -> dict[str, Any]:
 
 
 def series_json(result: LogSeries) -> dict[str, Any]:
-    """Return the result of several logs as JSON: parameters over v0, their `value` at the mean v0, and each log."""
+    """Return the result of several logs as JSON: parameters over the initial speed v0, and each log.
+
+    `value` is the value of a parameter at the mean v0.
+    """
     first = result.logs[0].chosen.fit
     return {
         "model": first.model.name,

@@ -1,9 +1,9 @@
 """Computation of a design report, and its records.
 
 `design_report` tunes PI and PI-lead over the envelope (`Selection`). The most robust designs, and every controller
-whose parameters follow from the vehicle alone, run in the same stops (`Trial`). `ordered` chooses the best one. For
-this one `design_report` computes margins, limits and a gain map and, if no candidate qualifies, a better brake
-(`DesignReport`).
+whose parameters follow from the vehicle alone, run in the same stops (`Trial`). `ordered` chooses the best
+candidate. For this candidate `design_report` computes margins, limits and a gain map and, if no candidate qualifies, a
+better brake (`DesignReport`).
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Released:
 
 @dataclass(frozen=True)
 class UnjudgedSlips:
-    """Slip ratios held in stops with a law and rail at which the margins were not judged, with the worst Ms there.
+    """Slip ratios that a design holds in stops with a law and rail but at which it was not judged; worst Ms there.
 
     ms: inf if a loop is unstable.
     """
@@ -172,12 +172,12 @@ class DesignReport:
     trials: tuple[Trial, ...] = ()  # every candidate that ran, the best first
     control: Controller | None = None  # the recommended controller as in `recommended.toml`
     above_kmh: float | None = None  # km/h, speed above which the best candidate qualifies
-    # judgement above the lowest speed of the best trial and the hand-over speed; over all speeds if none is above;
+    # judgement at speeds above the best trial's lowest speed and the hand-over speed; at all speeds if none is above;
     # None for a controller without margins
     in_use: Judgement | None = None
     worst_loops: tuple[ShownLoop, ...] = ()  # loops at the worst operating point, and at the worst with tolerances
     stops: tuple[Stop, ...] = ()  # nominal stops of the recommended design
-    harder_stops: tuple[Stop, ...] = ()  # its stops with errors of sensors and brake, and on a changing rail
+    harder_stops: tuple[Stop, ...] = ()  # stops of this design with errors or on a changing rail
     unjudged_slips: tuple[UnjudgedSlips, ...] = ()  # slips held in stops but not judged
     rolling: tuple[RollingLoop, ...] = ()  # loops near free rolling, where the wheel oscillates
     rivals: tuple[Rival, ...] = ()  # the user's controllers
@@ -248,7 +248,7 @@ class DesignReport:
 
 
 def longest(stops: Sequence[Stop]) -> tuple[Stop, ...]:
-    """Longest of some stops on each rail."""
+    """Return the longest of the `stops` on each rail."""
     rails = dict.fromkeys(stop.rail for stop in stops)
     return tuple(max((s for s in stops if s.rail is rail), key=lambda s: s.distance) for rail in rails)
 
@@ -289,7 +289,7 @@ _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, slip ratio, and 
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # factors on the design's gains; 1 is in the middle
 _RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s, duration of the responses, and number of points
 
-_QUICK_FILTER = 0.05  # filter time constant over the lead, tried besides 0.1: more noise, but more ki
+_QUICK_FILTER = 0.05  # filter time constant over that of the lead, tried besides 0.1: larger ki, but more noise
 
 
 @checked
@@ -381,7 +381,7 @@ def _verified(vehicle: Vehicle) -> Sliding:
         result = verify(law="predictive", vehicle=vehicle)
         return replace(
             result, conditions=tuple(replace(item, numbers={}) for item in result.conditions)
-        )  # numbers unused
+        )  # the report does not show the numbers
 
     try:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
@@ -426,7 +426,7 @@ def _designed(
 ) -> DesignReport:
     """Make the report without rivals and sliding-mode law.
 
-    - beside: function that runs functions in a second process, and trials that this process computes.
+    - beside: function that runs functions in a second process, and functions that return the trials started there.
     """
     submit, others = beside
     progress("braking runs")
@@ -476,7 +476,7 @@ def _designed(
 
 
 def _with_bounds(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
-    """Add bound and attainable stop to stops; `known` yields a pair for each stop."""
+    """Add to each stop its bound and its attainable stop; `known` yields a pair of these for each stop."""
     return tuple(replace(run, bound=bound, attainable=had) for run, (bound, had) in zip(runs, known, strict=False))
 
 

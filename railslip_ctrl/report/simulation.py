@@ -58,7 +58,7 @@ _WORKS = {
 def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) -> dict[str, Any]:
     """Return the results of a run as JSON; time, distance, energy and slip error are null if the train did not stop.
 
-    - gains: column of Table 4 whose gains the controller has; None if it has others.
+    - gains: column of [Park2008] Table 4 whose gains the controller has; None if it has other gains.
     - law_speed: v0 of the adhesion law, m/s.
     """
     scenario = run.scenario
@@ -112,9 +112,9 @@ def simulation_text(run: simulation.Run, law_speed: float) -> str:
     `run.signals` is needed if an event is given by distance. `law_speed`: v0 of the adhesion law, m/s.
     """
     scenario = run.scenario
-    end = f"after {run.braking_time:.4g} s, {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
-    unfinished = f"NO STOP: {run.outcome.value}, {end}; the numbers below are up to this time"
-    outcome = f"stopped {end}" if run.stopped else unfinished
+    end = f"after {run.braking_time:.4g} s and {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
+    unfinished = f"NO STOP: {run.outcome.value}, {end}; the numbers below cover the time up to this end"
+    outcome = f"reached the final speed {end}" if run.stopped else unfinished
     parts: list[RenderableType] = [
         heading(f"Braking run: {scenario.name}, controller {run.controller.label}"),
         Facts([*_scenario_facts(run, law_speed), *_controller_facts(run)]),
@@ -149,14 +149,16 @@ def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, st
         *(("Event", item.text) for item in events_log(run)),
         (
             "Disturbances",
-            f"random force {noise.random_force:g} N held {noise.random_hold:g} s, caliper {noise.caliper_fraction:g} "
-            f"of the torque, decay {noise.caliper_decay:g} 1/s, {noise.caliper_frequency:.5g} rad/s",
+            f"random force {noise.random_force:g} N (1 sigma), constant for {noise.random_hold:g} s; caliper torque "
+            f"{noise.caliper_fraction:g} times the acting one, decay rate {noise.caliper_decay:g} 1/s, frequency "
+            f"{noise.caliper_frequency:.5g} rad/s",
         ),
         (
             "Measurement",
-            f"train speed times {sensors.speed_scale:g}, noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} "
-            f"rad/s; grid {sensors.speed_quantum:g} m/s and {sensors.wheel_quantum:g} rad/s, encoder of "
-            f"{sensors.encoder_teeth:g} teeth (0: none); filter {sensors.filter_time:g} s",
+            f"train speed: scale {sensors.speed_scale:g}, noise {sensors.speed_noise:g} m/s (1 sigma), resolution "
+            f"{sensors.speed_quantum:g} m/s; wheel speed: noise {sensors.wheel_noise:g} rad/s, resolution "
+            f"{sensors.wheel_quantum:g} rad/s, encoder with {sensors.encoder_teeth:g} teeth (0: none); filter "
+            f"{sensors.filter_time:g} s",
         ),
     ]
 

@@ -38,7 +38,7 @@ def statement(condition: Condition) -> str:
 
 
 def evidence(condition: Condition) -> str:
-    """Return the evidence of a condition: an identity, numbers with their set, or the reason why it is not decided."""
+    """Return the evidence of a condition: an identity, numbers and their range, or the reason why it is not decided."""
     return _with_numbers(_texts_of(condition)["evidence"], condition.numbers)
 
 
@@ -100,7 +100,7 @@ def verification_text(verification: Verification, about: Sequence[tuple[str, str
     for item in verification.conditions:
         down_to = "-" if item.down_to_kmh is None else f"{item.down_to_kmh:g} km/h"
         rows.append((item.name, _HOLDS[item.holds][0], down_to, item.how or "-"))
-    parts.append(Table(("Condition", "Holds", "Down to", "Method"), rows, left=4))
+    parts.append(Table(("Condition", "Holds", "Holds down to", "Method"), rows, left=4))
     if verification.box:
         parts += [Text(""), *_box(verification)]
     for item in verification.conditions:

@@ -1,6 +1,6 @@
 """Lower bound of the stopping distance for any controller, and a comparison of controllers with it over the same runs.
 
-The bound assumes the highest adhesion of the rail at every moment, and the same actuator.
+The bound assumes the highest adhesion of the rail at every moment, within the limits of the actuator.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from railslip_ctrl.model.numeric import numeric_plant, peak, plant_parameters
 from .run import Outcome, Run, Simulator
 from .scenario import Event, Scenario, event_position
 
-_SPEEDS = 33  # speeds at which the peak is computed; it is smooth in speed
+_SPEEDS = 33  # number of speeds at which the peak adhesion is computed, and between which it is interpolated
 _TOLERANCE = 1e-9  # relative tolerance of the integration
 _FAR = 1e6  # m, replaces an infinite distance, because the optimiser interpolates by parabolas
 
@@ -48,7 +48,7 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     """
     kinds = {event.time is None for event in scenario.events}
     if len(kinds) > 1:
-        raise InputError("events: some have a time and some a distance; for the bound give all in time or in distance")
+        raise InputError("events: some have a time, others a distance; for the bound give times only or distances only")
     by_distance = kinds == {True}
     places = sorted({event_position(event) for event in scenario.events})
     state, start = np.array([scenario.initial_speed, 0.0]), 0.0
@@ -125,19 +125,19 @@ def _available_torque(scenario: Scenario) -> Callable[[float], float]:
 
 # --- with the time that slip takes to build up ----------------------------------------------------------------------
 
-_SWITCHES = 9  # number of switching times in the first search for the best end of the full torque
-_MOST_SLIP = 0.4  # largest slip ratio during the build-up; no best stop has a larger one
+_SWITCHES = 9  # number of times, at equal distances, that are tried first for the end of the full torque
+_MOST_SLIP = 0.4  # largest slip ratio up to which full torque is tried; the shortest stops need less
 _SAMPLES = 100  # number of times at which the command that holds the slip is compared with its limits
 _SLACK = 0.02  # excess of this command over its limits that is accepted as numerical error, relative to `torque_max`
 
 
 def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
-    """Return the best stop without noise of a controller that knows rail and vehicle, found by a search.
+    """Search for the shortest stop, without noise, of a controller that knows rail and vehicle.
 
     The controller commands the largest torque, then no torque until the slip stops rising. Then it holds this slip
-    ratio, or reduces it to a final value in a decay time. The search finds switching time, final slip and decay time.
-    The stop includes adhesion state and wheel, so that the shortest possible stop is between `clairvoyant_stop` and
-    this stop. Infinite if no stop is found.
+    ratio, or lets it decay to a smaller one. The search finds switching time, final slip and decay time. The stop
+    includes the dynamics of adhesion and wheel, which `clairvoyant_stop` neglects: the shortest possible stop is
+    between these two. Time and distance are infinite if no stop is found.
 
     InputError for a scenario without a largest torque, or with a rate limit or events.
     """
@@ -153,7 +153,7 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
     ends = switches[max(at - 1, 0)], switches[min(at + 1, _SWITCHES - 1)]
     holding = minimize_scalar(lambda x: min(path.stop(x).braking_distance, _FAR), bounds=ends, method="bounded")
     candidates = [path.stop(float(holding.x)), stops[at]]
-    if path.stop(float(holding.x), *_LESS).braking_distance < candidates[0].braking_distance:  # adhesion falls with v
+    if path.stop(float(holding.x), *_LESS).braking_distance < candidates[0].braking_distance:  # decay is better
         best = minimize(
             lambda x: path.stop(*x.tolist()).braking_distance,
             [holding.x, *_LESS],
@@ -195,9 +195,10 @@ class _Path:
         return float(self._full.t[-1])
 
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
-        """Return the stop with full torque until `switch`, s, after which the slip ratio falls to a share in a time, s.
+        """Return the stop with full torque until time `switch`, s, and a slip ratio that then decays.
 
-        Infinite if the slip does not stop rising, or if the command exceeds the limits of the brake.
+        The slip ratio decays to `share` (ratio) times its value, with the decay time `time`, s. Time and distance are
+        infinite if the slip does not stop rising, or if the command exceeds the limits of the brake.
         """
         try:
             return self._stop(switch, share, time)
@@ -227,7 +228,7 @@ class _Path:
         return self._hold(float(back.t[-1]), back.y[:, -1], share, time)
 
     def _hold(self, start: float, begin: Floats, share: float, time: float) -> ClairvoyantStop:
-        """Return the stop whose slip ratio, from time `start` and state `begin` on, falls to a share in a time, s."""
+        """Return the stop whose slip ratio decays from time `start`, s, and state `begin` on, as in `stop`."""
         first, final = begin[1] / begin[0], self._scenario.final_speed
 
         def slip(t: Any) -> Any:
@@ -253,7 +254,7 @@ class _Path:
         return ClairvoyantStop(float(solution.t[-1]), float(solution.y[2, -1]))
 
     def _holding_torque(self, t: Floats, speed: Floats, state: Floats, slip: Callable[[Floats], Floats]) -> Floats:
-        """Return the acting torque, N*m, at times, s, that gives the slip ratio `slip(t)`."""
+        """Return the acting torque, N*m, that gives the slip ratio `slip(t)` at the times t, s."""
         ratio, rate = slip(t), (slip(t + _STEP) - slip(t - _STEP)) / (2 * _STEP)
         change, at_zero, _ = self._plant(t, speed, ratio * speed, state, 0.0)
         at_unit = self._plant(t, speed, ratio * speed, state, 1.0)[1]
@@ -319,7 +320,10 @@ class ControllerRow:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """Comparison of controllers in one scenario: `rows` over all `seeds`, and the `bound` of `clairvoyant_stop`."""
+    """Comparison of controllers in a scenario: a row for each in `rows`, over all `seeds`, and the `bound` of the stop.
+
+    The bound is that of `clairvoyant_stop`.
+    """
 
     scenario: Scenario
     seeds: tuple[int, ...]
@@ -327,7 +331,7 @@ class RunComparison:
     rows: tuple[ControllerRow, ...]
 
     def __str__(self) -> str:
-        text = import_module("railslip_ctrl.report.simulation")  # a room above this one, imported only for printing
+        text = import_module("railslip_ctrl.report.simulation")  # imported here, because `report` imports this
         return str(text.run_comparison_text(self))
 
     def row(self, name: str) -> ControllerRow:

@@ -1,4 +1,4 @@
-"""Random numbers by a counter, the same on a CPU and on a GPU: Philox4x32-10 ([Salmon2011]) and Box-Muller."""
+"""Counter-based random numbers, equal on a CPU and on a GPU: Philox4x32-10 ([Salmon2011]) and Box-Muller."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy
 
 
 class Counted(NamedTuple):
-    """Seed of random numbers by a counter: two keys, integers of 32 bits."""
+    """Seed of counter-based random numbers: two keys, integers of 32 bits."""
 
     key0: int
     key1: int

@@ -1,4 +1,4 @@
-"""Write a controller as a C99 program that states the effect of single precision in whole stops."""
+"""Write a controller as a C99 program; a comment in it states the effect of single precision in simulated stops."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tu
     - vehicle: vehicle for the parameters that the controller does not set, and for the stops that compare single with
       double precision.
 
-    Returns the paths of the source file and of the header. InputError: a controller without a step in named fields, or
+    Returns the paths of the source file and of the header. InputError: a controller that cannot be written in C, or
     a path that cannot be written.
     """
     path = given_path(path)

@@ -1,4 +1,4 @@
-"""Braking runs on a CUDA GPU: the text of the CPU kernel with a few lines replaced, one thread for each stop."""
+"""Braking runs on a CUDA GPU: the source text of the CPU kernel with a few lines replaced; one thread for each stop."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .run import Run, Simulator, kernel_text
 MEMORY_SHARE = 0.5  #: share of free device memory for the stops of one launch; the threads' stacks need the rest
 
 _THREADS = 64  # threads of a block
-_REGISTERS = 128  # largest number of registers of a thread, the fastest value of a trial on an H200
+_REGISTERS = 128  # largest number of registers of a thread; 128 was the fastest value in trials on an H200
 
 _HEAD = """from numba import cuda
 
@@ -56,7 +56,7 @@ def _local(name: str, size: str, value: str, kind: str = "float64") -> str:
     return f"{name} = cuda.local.array({size}, np.{kind})\n    for i in range({size}):\n        {name}[i] = {value}"
 
 
-# CUDA needs array sizes as numbers; draws are computed where the CPU kernel reads them from an array
+# CUDA needs array sizes as numbers; random numbers are computed where the CPU kernel reads them from an array
 _CHANGES = {
     "k, new = np.empty((4, STATES)), np.empty(STATES)": (
         "k, new = cuda.local.array((4, STATES), np.float64), cuda.local.array(STATES, np.float64)"
@@ -116,14 +116,14 @@ def _module(text: str) -> ModuleType:
 def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Floats, Floats, Floats]]:
     """Prepare stops of one law and one controller; return a function that runs them.
 
-    The function returns outcomes, states and summaries, with a row for each stop.
+    The function returns numbers of the outcomes, final states and summaries: arrays with a row for each stop.
     """
     cuda, simulator, plans = check_device(), stops[0][0], [one.plan for one, _ in stops]
     history = max(int(one.settings["dead_time"] / one.settings["period"]) for one in plans) + 3
     text = kernel_text(type(simulator.scenario.adhesion), simulator.controller.source_text())
     options = "" if import_module("numba.core.config").ENABLE_CUDASIM else f"max_registers={_REGISTERS}"
     every_stop = _module(cuda_text(text, max(len(one.events.time) for one in plans) + 1, history, options)).every_stop
-    tables = {plan.tables.tobytes(): plan.tables for plan in plans}  # most stops of a campaign have one rail
+    tables = {plan.tables.tobytes(): plan.tables for plan in plans}  # most stops have the same rail
     places = {content: k for k, content in enumerate(tables)}
     rows = [_row(*stop, places[stop[0].plan.tables.tobytes()]) for stop in stops]
     count, columns = len(rows), [np.array(column) for column in zip(*rows, strict=True)]
@@ -138,10 +138,10 @@ def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Flo
 
 
 def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
-    """Simulate stops of one law and one controller. InputError without a GPU, and for a Python step."""
+    """Simulate stops of one law and one controller. InputError without a GPU, or for a controller in Python."""
     cuda, controller = check_device(), stops[0][0].controller
     if isinstance(controller, StepControl):
-        raise InputError(f"--device: the controller {controller.label} is a Python step; leave --device out")
+        raise InputError(f"--device: a GPU cannot run the Python code of {controller.label}; leave --device out")
     size = sum(np.asarray(one).nbytes for one in _row(*stops[0], 0)) + stops[0][0].plan.tables.nbytes
     most = max(int(min(MEMORY_SHARE * cuda.current_context().get_memory_info()[0] / size, 1e6)), 1)
     for part in (stops[first : first + most] for first in range(0, len(stops), most)):
@@ -150,7 +150,7 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
 
 
 def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
-    """Return the arguments of `every_stop` up to `x`; the last event never happens."""
+    """Return the arguments of `every_stop` up to `x`; an event that never happens is added as the last one."""
     plan, force, noise = simulator.plan, simulator.scenario.disturbances, simulator.scenario.measurement
     hold = force.random_hold if force.random_force > 0 else 0.0
     padded = (np.concatenate([one, np.full((1, *one.shape[1:]), end)]) for one, end in zip(

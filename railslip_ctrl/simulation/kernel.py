@@ -35,7 +35,7 @@ STOPPED, OUT_OF_TIME, OUTSIDE_DOMAIN, NOT_FINITE, TOO_STIFF = 0, 1, 2, 3, 4
 TIME, COMMAND, FORCE, RANDOM, DISTURBANCE, MASS, REFERENCE, LOCKED, MEASURED_V, MEASURED_OMEGA = range(STATES, 21)
 COLUMNS = 21
 
-# indices into the plant's parameters `p` (`numeric.plant_parameters`) and the controller's row `c` (`steps`)
+# indices into the plant's parameters `p` (`numeric.plant_parameters`) and the controller's row `c` (`Controller.row`)
 P_MASS, P_INERTIA, P_VISCOUS, P_RADIUS, P_RESISTANCE, P_LAW = 0, 1, 2, 3, 4, 8
 C_REFERENCE, C_SCENARIO_REFERENCE = 0, -1
 # indices into `chosen`, which selects from `tables` and `limits`: for the plant's law and for the controller's model
@@ -175,7 +175,7 @@ def releases(t, y, p, table, a, random_torque):
 
 @compiled
 def crossings(t, y, p, table, a, locked, random_torque, next_distance):
-    """Return the sum of the codes of what a state has reached: stop 1, lock 2, release 4, event in distance 8."""
+    """Return the sum of the codes of what has occurred: end of the stop 1, lock 2, release 4, event at a distance 8."""
     crossed = 0
     if y[V] <= a.final_speed:
         crossed |= 1
@@ -230,7 +230,7 @@ def domain_limit(v, limits):
 
 @compiled
 def fire(i, y, p, c, chosen, events):
-    """Apply event i to parameters, law, controller row and references; return the change of kinetic energy, J."""
+    """Apply event i to the plant `p`, the controller row `c` and the laws `chosen`; return the change of energy, J."""
     before = energy(y, p)
     for j in range(p.size):
         if not math.isnan(events.p[i, j]):
@@ -246,7 +246,7 @@ def fire(i, y, p, c, chosen, events):
 
 @compiled
 def account(y, new, h, k, reference, scenario_reference, a, t, summary):
-    """Add a step of h, s, from y to `new` to the summary."""
+    """Add the step from state y to state `new`, h s long, to the summary."""
     slip, slip_after = y[SIGMA] / y[V], new[SIGMA] / new[V]
     summary[SLIP_ERROR] += 0.5 * h * (abs(slip - reference) + abs(slip_after - reference))
     summary[SLIP_ERROR_SCENARIO] += 0.5 * h * (abs(slip - scenario_reference) + abs(slip_after - scenario_reference))
@@ -422,7 +422,7 @@ def interval(
     sample, delay, rest, tiny, t, locked, a, events, fired, forces, history, p, c, chosen, tables, limits, y, k, new,
     summary,
 ):  # fmt: skip
-    """Integrate from one sample to the next; return status, time and locked. The run continues if OUT_OF_TIME."""
+    """Integrate from one sample to the next; return status, time and locked. Status OUT_OF_TIME: the run continues."""
     sample_end, switch = min((sample + 1) * a.period, a.longest_time), sample * a.period + rest
     standing = 0
     while t < sample_end - tiny:

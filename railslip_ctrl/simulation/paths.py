@@ -47,7 +47,7 @@ def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
 
 
 def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
-    """Return a copy of a record with other numbers at some paths, checked as a new record.
+    """Return a copy of a record with the numbers `changes`, values by path; the copy is checked as a new record.
 
     InputError for a number that is not allowed; `where` names the record in the message.
     """

@@ -1,7 +1,7 @@
-"""Random vehicles, rails and sensors, which no controller was tuned for; each seed gives one stop.
+"""Random vehicles, rails and sensors for which no controller was tuned; each seed gives one stop.
 
-Development uses seeds below `CHECK`; checks use seeds from `CHECK` up. One seed gives the same vehicle and rail with
-and without errors of the sensors and the brake.
+Seeds below `CHECK` are for development, seeds from `CHECK` up for checks only. A seed gives the same vehicle and rail
+with and without errors of the sensors and the brake.
 """
 
 from __future__ import annotations
@@ -74,8 +74,9 @@ def random_vehicle(rng: np.random.Generator) -> Vehicle:
 def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
     """Return a random adhesion curve with one hump, as a table; it does not depend on the wheel load.
 
-    With x the slip ratio over that of the peak, mu rises up to the peak as 1 - (1 - x)^a, then falls to a plateau as
-    1/(1 + ((x - 1)/w)^2). Peak at slip 0.008 to 0.15 with mu 0.05 to 0.35, plateau 0.35 to 0.95 of the peak.
+    Let x be the slip divided by the slip of the peak. Up to the peak mu rises in proportion to 1 - (1 - x)^a; beyond
+    it mu falls to a plateau as 1/(1 + ((x - 1)/w)^2). The peak is at slip 0.008 to 0.15 and has mu 0.05 to 0.35; the
+    plateau is 0.35 to 0.95 times the peak.
     """
     slip = _log_uniform(rng, 0.008, 0.15)
     mu, a, plateau = rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0), rng.uniform(0.35, 0.95)
@@ -85,9 +86,9 @@ def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
 
 
 def two_stage(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Return a random curve as `one_hump`, with an early peak and a plateau that rises again.
+    """Return a random curve as `one_hump` does, with a peak at small slip and adhesion that rises again beyond it.
 
-    Peak at slip 0.008 to 0.03; adhesion at slip 0.25 is 0.7 to 1.1 of the peak.
+    The peak is at slip 0.008 to 0.03; adhesion at slip 0.25 is 0.7 to 1.1 times the peak.
     """
     slip, mu, a = _log_uniform(rng, 0.008, 0.03), rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0)
     plateau, w, again = rng.uniform(0.5, 0.95), _log_uniform(rng, 0.5, 6.0), rng.uniform(0.7, 1.1)
@@ -109,7 +110,7 @@ def _reference(slip: float) -> ReferenceSlip:
 
 
 def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
-    """Return Polach's law with random parameters around his dry and wet sets; the contact ellipse grows with load."""
+    """Return Polach's law with random parameters near his dry and wet sets; the contact ellipse grows with load."""
     axis = 6e-3 * (wheel_load / PARK2008.wheel_load) ** (1 / 3)
     k = _log_uniform(rng, 0.2, 1.0)
     return Polach(
@@ -127,7 +128,8 @@ def burckhardt(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw
 def bristle(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
     """Return the bristle model with random parameters.
 
-    mu 0.08 to 0.35 at slip velocity 0, zero at 30 to 90 m/s; stiffness 0.5 to 2 times the published one at this load.
+    mu is 0.08 to 0.35 at slip velocity 0 and falls to zero at 30 to 90 m/s. The stiffness is 0.5 to 2 times the
+    published one, which is scaled with the wheel load.
     """
     mu, gamma = rng.uniform(0.08, 0.35), _log_uniform(rng, 30.0, 90.0)
     alpha = 2.2e4 * wheel_load / PARK2008.wheel_load * _log_uniform(rng, 0.5, 2.0)
@@ -138,8 +140,8 @@ def bristle(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
 def lugre(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
     """Return the LuGre model with random parameters.
 
-    mu 0.08 to 0.35 at rest and 0.4 to 0.9 of this when sliding, Stribeck velocity 1 to 6 m/s, stiffness 0.5 to 2 times
-    22 kN/m at the published load, damping ratio of the wheel on the bristles 0.3 to 1.
+    Static friction coefficient 0.08 to 0.35, Coulomb friction 0.4 to 0.9 times the static one, Stribeck velocity 1 to
+    6 m/s, stiffness 0.5 to 2 times 22 kN/m at the published load, damping ratio of the wheel on the bristles 0.3 to 1.
     """
     mu, vs = rng.uniform(0.08, 0.35), _log_uniform(rng, 1.0, 6.0)
     share = wheel_load / PARK2008.wheel_load
@@ -166,10 +168,10 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = Ma
 
 
 def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) -> Scenario:
-    """Return the stop of a seed, from 100 to 5 km/h, with commands up to the full brake torque.
+    """Return the random stop of a seed, from 100 to 5 km/h, with commands up to the full brake torque.
 
     - family: name in `FAMILIES`.
-    - errors: True for errors of sensors, brake and assumed parameters, drawn uniformly within the bounds above.
+    - errors: True for errors of sensors, brake and assumed parameters, drawn uniformly within this module's bounds.
     """
     rng = np.random.default_rng(seed)
     vehicle = random_vehicle(rng)
@@ -188,7 +190,8 @@ def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) ->
 def _errors(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str, object]:
     """Draw the errors of sensors, brake and assumed parameters.
 
-    An error factor of the train speed is applied as its inverse to the assumed radius, which gives the same slip.
+    The measured train speed itself has no scale error; instead the assumed radius is divided by the drawn factor, which
+    gives the same error of slip.
     """
     scale, radius, gain = (1.0 + rng.uniform(-bound, bound) for bound in (SPEED_SCALE, RADIUS, GAIN))
     dead_time, lag = 1.0 + rng.uniform(-BRAKE, BRAKE, size=2)

@@ -34,10 +34,10 @@ from .scenario import LEAST_STEP, Event, Scenario, event_position
 LOCKED_SHARE = 0.02  #: a wheel counts as locked while r omega < 0.02 v
 REACHED_SHARE = 0.95  #: the reference slip counts as reached from 0.95 times its value
 
-_DOMAIN_INTERVALS = 64
-_NO_LIMIT = 1e300
+_DOMAIN_INTERVALS = 64  # intervals of the grid of speeds for the limits of an adhesion law's domain
+_NO_LIMIT = 1e300  # m/s, replaces an infinite limit of the slip velocity
 
-LARGEST_SPACING = 2**31  #: largest number of samples between rows of a record; more than a run has
+LARGEST_SPACING = 2**31  #: largest `record_every`, samples between two rows of a record; no run has more samples
 GIVEN_DRAWS = -1  #: value of `Run.seed` if the user gave the random numbers themselves (`Noise`)
 
 
@@ -60,8 +60,8 @@ class Energies:
 
     - starting, final: kinetic energy when the brake is applied, and at the end.
     - booked: kinetic energy added by changes of mass.
-    - works: works by the names of `numeric.WORKS`: brake torque, adhesion force times slip velocity, viscous friction,
-      travelling resistance, random force, caliper disturbance.
+    - works: work of each effect, by the names in `numeric.WORKS`: brake torque, adhesion force times slip velocity,
+      viscous friction, travelling resistance, random force, caliper disturbance.
     """
 
     starting: float
@@ -77,7 +77,7 @@ class Energies:
 
 @by_content
 class Signals(NamedTuple):
-    """Time series of a run, arrays of one length; SI.
+    """Time series of a run: arrays of equal length, SI.
 
     time (s), distance (m), speed v, slip_velocity sigma (m/s), slip ratio, wheel_speed omega (rad/s),
     adhesion_state z (m), adhesion_force Fa, random_force (N), command, torque (acting), disturbance Td (N*m),
@@ -107,8 +107,8 @@ class Signals(NamedTuple):
 class Noise(NamedTuple):
     """Random numbers for random force and sensor noise of a run, standard normal (ratios to standard deviations).
 
-    - force: a number for each hold time of the random force, 1-D.
-    - sensors: numbers for the noise of train speed and wheel speed, a row for each sample, array (n, 2).
+    - force: one number for each interval in which the random force is constant, 1-D.
+    - sensors: numbers for the noise of train speed and wheel speed, one row for each sample, array (n, 2).
     - seed: seed of the random numbers after the end of these arrays.
     """
 
@@ -126,12 +126,12 @@ class Noise(NamedTuple):
             raise InputError(f"{file_name(path)}: no such file; check the path") from None
         except (OSError, EOFError, ValueError, LookupError, AttributeError, TypeError, BadZipFile):
             raise InputError(
-                f"{file_name(path)}: has no random numbers of a run; give a seed, or a file of campaign --rare"
+                f"{file_name(path)}: has no random numbers of a run; give a seed, or a file from campaign --rare"
             ) from None
 
 
 Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
-"""Source of random force and sensor noise: a seed of NumPy or of a counter, random numbers, or None for no noise."""
+"""Source of random force and sensor noise: a seed, the random numbers themselves (`Noise`), or None for neither."""
 
 
 @dataclass(frozen=True)
@@ -139,15 +139,15 @@ class Run:
     """A braking run.
 
     - scenario, controller, seed: scenario, controller and seed of the run; the seed is `GIVEN_DRAWS` for a `Noise`.
-    - outcome: `STOPPED` if the train reached the final speed; otherwise all numbers are those up to `braking_time`.
-    - braking_time, braking_distance, final_speed: s, m, m/s.
+    - outcome: `STOPPED` if the train reached the final speed; otherwise the run ended early, at `braking_time`.
+    - braking_time, braking_distance, final_speed: values at the end of the run, s, m, m/s.
     - energies: energy balance.
     - mean_abs_slip_error: mean over time of |slip - reference|, slip ratio; NaN for a controller without a reference.
-    - mean_abs_slip_error_published: the mean for the reference 0.132/0.092 of [Park2008], slip ratio; NaN unless the
-      scenario is the published one and the controller has a reference.
+    - mean_abs_slip_error_published: the same for the reference slip ratio of [Park2008], 0.132 dry, 0.092 wet; NaN
+      unless the scenario is the published one and the controller has a reference.
     - max_slip: highest slip ratio; locked_fraction: share of time with r omega < 0.02 v.
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
-    - max_torque, max_torque_rate, rms_torque_rate: numbers of the acting torque, N*m and N*m/s.
+    - max_torque, max_torque_rate, rms_torque_rate: largest acting torque, N*m; largest and rms of its rate, N*m/s.
     - steps: number of integration steps.
     - signals: time series if they were recorded, else None.
     - controller_signals: states of the controller at `signals.time`, by name, in their units, arrays of one length.
@@ -179,16 +179,16 @@ class Run:
         error, references = "", self._references()
         if references:
             reference = f"the reference {' and '.join(dict.fromkeys(f'{slip:g}' for slip in references))}"
-            average = f", {self.mean_abs_slip_error:.3g} from {reference} on average"
-            error = average if self.reached else f", never at {reference}"
+            average = f"; mean deviation from {reference}: {self.mean_abs_slip_error:.3g}"
+            error = average if self.reached else f"; never at {reference}"
         if not math.isnan(self.first_lock):
             lock = f"locked {100 * self.locked_fraction:.2g} % of the time, first at {self.first_lock:.3g} s"
         return (
             f"{scenario.name}, {scenario.rail} rail, {scenario.vehicle.name}, {self.controller.label}: "
-            f"{self.outcome.value} after {self.braking_time:.4g} s and {self.braking_distance:.4g} m, from "
-            f"{scenario.initial_speed / KMH:.4g} to {self.final_speed / KMH:.3g} km/h\n"
-            f"slip at most {self.max_slip:.3g}{error}; {lock}\n"
-            f"torque at most {self.max_torque:.4g} N*m, its rate {self.rms_torque_rate:.3g} N*m/s rms"
+            f"{'' if self.stopped else f'{self.outcome.value}; '}from {scenario.initial_speed / KMH:.4g} to "
+            f"{self.final_speed / KMH:.3g} km/h in {self.braking_time:.4g} s and {self.braking_distance:.4g} m\n"
+            f"highest slip {self.max_slip:.3g}{error}; {lock}\n"
+            f"highest torque {self.max_torque:.4g} N*m; rms of its rate {self.rms_torque_rate:.3g} N*m/s"
         )
 
     def plot(self) -> Any:
@@ -198,7 +198,7 @@ class Run:
         """
         if self.signals is None:
             raise InputError("run: has no time series; simulate with record_every=1")
-        plots = import_module("railslip_ctrl.report.plots.runs")  # a room above this one, asked for by the user
+        plots = import_module("railslip_ctrl.report.plots.runs")  # imported here, because `report` imports this
         return plots.simulation_figure(self)
 
     @property
@@ -208,7 +208,7 @@ class Run:
 
     @property
     def reached(self) -> bool:
-        """True if the slip reached 0.95 of the least reference of the run's rails, or if there is no reference."""
+        """True if the slip reached 0.95 times the smallest reference on the run's rails, or if it has no reference."""
         return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
@@ -221,7 +221,7 @@ class Run:
 
     @property
     def brake_energy(self) -> float:
-        """Integral of Tb omega, J, at the effective inertia."""
+        """Work of the brake torque, J: integral of Tb omega; inertias are multiplied by `inertia_scale`."""
         return self.energies.works["brake"]
 
 
@@ -239,14 +239,15 @@ def simulate(
     - scenario: vehicle, rail, adhesion law, speeds and disturbances, SI.
     - controller: Controller, linear system, step object or function that commands the brake torque, N*m, at its own
       period; `controllers.files.as_control` converts it.
-    - seed: seed of random force and measurement noise; equal seeds give equal runs. None: neither of the two. A `Noise`
-      has the random numbers themselves.
+    - seed: seed of random force and measurement noise; equal seeds give equal runs. None: no force and no noise. A
+      `Noise` has the random numbers themselves.
     - record_every: number of samples between two rows of `signals`; None: no signals.
     - compiled: False runs the kernel in the Python interpreter, hundreds of times slower, with the same result.
 
-    Returns outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` has the time series,
-    1-D arrays of one length, SI, or is None. InputError: a seed or record_every out of range, an event that the
-    adhesion law cannot have, a period below the step, or a controller step that fails or returns no torque.
+    Returns a `Run` with outcome, braking time (s), distance (m), energies (J) and numbers of the slip (ratio). Its
+    `signals` are the time series, 1-D arrays of equal length, SI, or None. InputError: a seed or record_every out of
+    range, an event that the adhesion law does not support, a controller period below the smallest step of the
+    integration, or a controller step that fails or returns no torque.
     """
     return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
 
@@ -305,7 +306,7 @@ class Simulator:
         return self.result(seed, status, y, summary, log[:written] if every else None)
 
     def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
-        """Return random forces, N, measurement noise (samples, 2), and hold time of the forces, s, 0 without force."""
+        """Return random forces, N, measurement noise (samples, 2), and the time for which a force acts, s (0: none)."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
         spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:
@@ -316,10 +317,10 @@ class Simulator:
         return disturbances.random_force * force, spread * noise, hold
 
     def result(self, seed: Draws, status: int, y: Floats, summary: Floats, log: Floats | None = None) -> Run:
-        """Make the run from the results of a kernel.
+        """Return the `Run` for the results of the kernel.
 
         - seed: source of the random numbers.
-        - status: number of the outcome.
+        - status: index of the outcome in `Outcome`.
         - y, summary, log: final state, 1-D, summary, 1-D, and rows of the log, 2-D, SI.
         """
         time = float(summary[layout.END_TIME])
@@ -490,7 +491,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
 
 
 def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> AdhesionLaw:
-    """Return the adhesion law that the controller assumes: its own, or the scenario's without an adhesion factor."""
+    """Return the adhesion law that the controller assumes: its own, or the scenario's with adhesion factor 1."""
     return scenario.law(rail) if controller.model_law is None else controller.model_law.on(rail)
 
 
@@ -561,7 +562,7 @@ class LoggedEvent(NamedTuple):
 
 
 def events_log(run: Run) -> tuple[LoggedEvent, ...]:
-    """Return the events of a run by time, events that did not happen last; events in distance need `run.signals`."""
+    """Return the events of a run in order of time, then those that did not happen; distances need `run.signals`."""
     found = [LoggedEvent(event, _time(event, run)) for event in run.scenario.events]
     return tuple(sorted(found, key=lambda one: one.time if one.reached else math.inf))
 

@@ -54,15 +54,15 @@ def event_position(event: Event) -> float:
 
 
 class Disturbances(Record):
-    """Random adhesion force, Gaussian and constant for `random_hold` each, and disturbance torque of the caliper.
+    """Random adhesion force, Gaussian, with a new value every `random_hold`, and disturbance torque of the caliper.
 
-    The torque is Td = fraction Tb exp(-decay t) sin(frequency t) with the acting torque Tb.
+    The torque is Td = fraction Tb exp(-decay t) sin(frequency t); Tb is the acting brake torque.
     """
 
     random_force: float = quantity("N", "standard deviation of the random adhesion force", ge=0, default=0.0)
     random_hold: float = quantity("s", "time for which a random force is held", gt=0, default=0.02)
-    caliper_fraction: float = quantity("1", "share of the acting torque", ge=0, default=0.0)
-    caliper_decay: float = quantity("1/s", "decay of the caliper's oscillation", ge=0, default=4.0)
+    caliper_fraction: float = quantity("1", "amplitude at t = 0 over the acting torque", ge=0, default=0.0)
+    caliper_decay: float = quantity("1/s", "decay rate of the caliper's oscillation", ge=0, default=4.0)
     caliper_frequency: float = quantity("rad/s", "frequency of the caliper's oscillation", ge=0, default=10.0 * math.pi)
 
 
@@ -70,19 +70,19 @@ class Measurement(Record):
     """Measurement of train speed and wheel speed: scale, noise, quantisation, encoder, low-pass filter.
 
     The wheel encoder is read at each sample. The measured speed is the angle between the last teeth of two readings
-    over the time between these teeth. So it is a mean, delayed by half of this time. If no tooth passes in a sample,
-    the measured speed is at most that for a tooth at the end of the sample.
+    over the time between these teeth. It is therefore a mean over this time, delayed by half of it. If no tooth passes
+    between two readings, the measured speed is at most that of a tooth that would pass at the second reading.
     """
 
     speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)
-    encoder_teeth: float = quantity("1", "teeth of the wheel's encoder; 0: its speed as it is", ge=0, default=0.0)
+    encoder_teeth: float = quantity("1", "number of teeth of the wheel encoder; 0: no encoder", ge=0, default=0.0)
     speed_noise: float = quantity("m/s", "standard deviation of the train speed's noise, per sample", ge=0, default=0.0)
     wheel_noise: float = quantity(
         "rad/s", "standard deviation of the wheel speed's noise, per sample", ge=0, default=0.0
     )
-    speed_quantum: float = quantity("m/s", "grid of the measured train speed; 0: none", ge=0, default=0.0)
-    wheel_quantum: float = quantity("rad/s", "grid of the measured wheel speed; 0: none", ge=0, default=0.0)
-    filter_time: float = quantity("s", "time constant of the measured signals' filter; 0: none", ge=0, default=0.0)
+    speed_quantum: float = quantity("m/s", "resolution of the train speed; 0: not rounded", ge=0, default=0.0)
+    wheel_quantum: float = quantity("rad/s", "resolution of the wheel speed; 0: not rounded", ge=0, default=0.0)
+    filter_time: float = quantity("s", "time constant of the filter on both speeds; 0: none", ge=0, default=0.0)
 
     @field_validator("encoder_teeth")
     @classmethod
@@ -95,7 +95,7 @@ class Measurement(Record):
 class BrakeLimits(Record):
     """Limits and gain of the actuator, in addition to dead time and lag; `dump_lag` is the lag of a falling torque.
 
-    The acting torque is `torque_gain` times the commanded torque; a gain other than 1 models another pad friction.
+    The acting torque is `torque_gain` times the commanded torque; a gain other than 1 models a change of pad friction.
     """
 
     torque_gain: float = quantity("1", "acting torque over commanded torque", gt=0, default=1.0)
@@ -114,7 +114,7 @@ class BrakeLimits(Record):
 
 
 class Beliefs(Record):
-    """Vehicle parameters that controllers assume instead of the true ones; None is the true value."""
+    """Vehicle parameters that controllers assume instead of the true ones; None: they assume the true value."""
 
     radius: float | None = quantity("m", "wheel radius", gt=0, default=None)
     wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia", gt=0, default=None)
@@ -137,10 +137,10 @@ def _given(values: dict[str, float | None]) -> dict[str, float]:
 
 
 class Scenario(Record):
-    """A braking run from `initial_speed`, free rolling, to `final_speed`.
+    """A braking run from free rolling at `initial_speed` to `final_speed`.
 
-    The viscous coefficient is that of the vehicle plus `viscous_rate` t, times the inertia scale, and at least
-    `viscous_least`. The published run ([Park2008] p. 55) is `published_scenario`.
+    The viscous coefficient at time t is the vehicle's plus `viscous_rate` t, but at least `viscous_least`; all three
+    are multiplied by the inertia scale. The published run ([Park2008] p. 55) is `published_scenario`.
 
     InputError: a value that is not allowed, a final speed that is not below the initial speed, events whose order is
     not known, or a rate limit or dump lag without a lag of the actuator.
@@ -148,8 +148,8 @@ class Scenario(Record):
 
     name: str = Field(description="for reports")
     vehicle: Vehicle = Field(description="the quarter car")
-    adhesion: SerializeAsAny[InstanceOf[AdhesionLaw]] = Field(description="the law on dry rail where it has one")
-    rail: Rail = Field(Rail.DRY, description="the condition at the start")
+    adhesion: SerializeAsAny[InstanceOf[AdhesionLaw]] = Field(description="adhesion law, of dry rail if rails differ")
+    rail: Rail = Field(Rail.DRY, description="rail condition at the start")
     adhesion_factor: float = quantity("1", "factor on the rail's adhesion at the start", gt=0, default=1.0)
     initial_speed: float = quantity("m/s", "speed at which the brake is applied", gt=0)
     final_speed: float = quantity("m/s", "speed at which the run ends", gt=0, default=5.0 * KMH)
@@ -158,7 +158,7 @@ class Scenario(Record):
     disturbances: Disturbances = Field(Disturbances(), description="disturbances of the wheel")
     measurement: Measurement = Field(Measurement(), description="measurement of the speeds")
     limits: BrakeLimits = Field(BrakeLimits(), description="limits of the actuator")
-    beliefs: Beliefs = Field(Beliefs(), description="wrong beliefs of the controllers about the vehicle")
+    beliefs: Beliefs = Field(Beliefs(), description="vehicle parameters that the controllers assume")
     gradient: float = quantity(
         "1", "rise of the track over its length, downhill negative", ge=-STEEPEST, le=STEEPEST, default=0.0
     )
@@ -166,7 +166,7 @@ class Scenario(Record):
     viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: no limit", default=None)
     step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=LARGEST_STEP, default=1e-3)
     published_reference: bool = Field(
-        False, strict=True, description="compare slip with [Park2008]'s 0.132/0.092 as well"
+        False, strict=True, description="also report the slip error for [Park2008]'s reference, 0.132 dry, 0.092 wet"
     )
 
     @model_validator(mode="after")
@@ -184,8 +184,8 @@ class Scenario(Record):
         both_kinds = len({event.time is None for event in of_adhesion}) > 1
         if both_kinds and any(event.rail is None or event.adhesion_factor is None for event in of_adhesion):
             raise InputError(
-                "events: adhesion changes both in time and in distance, and their order is not known; give rail and "
-                "adhesion_factor in each"
+                "events: some change the adhesion at a time, others at a distance, and their order is not known; give "
+                "rail and adhesion_factor in each of these events"
             )
         return self
 
@@ -239,7 +239,7 @@ class Scenario(Record):
 
 
 PUBLISHED_DISTURBANCES = Disturbances(random_force=RANDOM_FORCE, random_hold=0.02, caliper_fraction=0.05)
-"""[Park2008] p. 55; the hold of 0.02 s is fitted to Table 5."""
+"""Disturbances of [Park2008] p. 55; `random_hold` is fitted to Table 5 of the paper."""
 
 
 @checked
@@ -271,14 +271,16 @@ def stop(
     speed_kmh: float = INITIAL_SPEED_KMH,
     adhesion: str | AdhesionLaw = "curve",
 ) -> Scenario:
-    """Return a stop on one rail down to 5 km/h, with the random force of [Park2008] in proportion to the wheel load.
+    """Return the scenario of a stop on one rail, down to 5 km/h, with the random force of [Park2008].
+
+    The random force is proportional to the wheel load.
 
     - vehicle: the vehicle, with its present load.
     - rail: "dry" or "wet", for the whole stop.
     - speed_kmh: speed at which the brake is applied, km/h.
     - adhesion: adhesion law, or the name of a published law, whose parameters then depend on wheel load and speed.
 
-    In SI. InputError: an unknown rail or law, or a speed out of its range.
+    InputError: an unknown rail or law, or a speed out of its range.
     """
     speed = speed_kmh * KMH
     noise = PUBLISHED_DISTURBANCES.model_copy(update={"random_force": RANDOM_SHARE * vehicle.wheel_load})
@@ -315,12 +317,12 @@ _LONGEST_CHAIN = 8  # largest number of scenario files that extend one another; 
 
 
 class _Keys(Scenario):
-    """Keys of a scenario file: those of a scenario, and keys from which its fields are made."""
+    """Keys of a scenario file: the fields of `Scenario`, and keys from which other fields are computed."""
 
     extends: str | None = None
     loaded: bool = False
     inertia_scale: float | None = quantity("1", "factor on M, J and B", gt=0, default=None)
-    changes: dict[str, float] = Field({}, description='numbers by path, SI, changed last: "vehicle.wheel.radius"')
+    changes: dict[str, float] = Field({}, description='numbers by path ("vehicle.wheel.radius"), SI, set last')
 
 
 @checked
@@ -337,7 +339,7 @@ def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
     where = file_name(path)
     if len(chain) >= _LONGEST_CHAIN:
         raise InputError(
-            f"{where}: extends: {len(chain)} files extend one another; let the last one extend a built-in scenario"
+            f"{where}: extends: {len(chain)} files extend one another; let the last file extend a built-in scenario"
         )
     keys = read_toml(path)
     base = _extended(keys["extends"], path, chain) if "extends" in keys else None

@@ -78,8 +78,9 @@ def _adhesion(ax: Any, result: Identification, columns: int) -> None:
 def drift_figure(result: Identification) -> Figure:
     """Plot slip and height of the peak over speed with 95 % intervals, and the reference slip, by rail condition.
 
-    Hollow marks are not from the log: the model at other initial speeds, and on wet rail by the rule of the law, which
-    has no interval. The height is compared with the curve of Curtius and Kniffler for locomotives on dry rail.
+    Hollow marks do not come from the log: they are the model at other initial speeds, or on wet rail by the rule of the
+    law, which gives no interval. The height is compared with the curve of Curtius and Kniffler for locomotives on dry
+    rail.
     """
     title = f"Peak of {result.chosen.fit.model.name} over speed: {result.curve.name.rsplit('/', 1)[-1]}"
     figure = style.new_figure(4.2, title)
@@ -101,7 +102,7 @@ def drift_figure(result: Identification) -> Figure:
 
 
 def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
-    """Draw the peaks on one rail, all from the log or all by rule."""
+    """Draw the peaks on one rail; either all are from the log, or all follow from the law's rule."""
     rail = peaks[0].rail
     look, where = style.rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
     speed, values, ends, mu, mu_ends, reference = (

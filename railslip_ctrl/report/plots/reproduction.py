@@ -21,8 +21,8 @@ from .runs import recorded
 # style of two noisy lines: light below dark, so that they differ in grey print
 _PAIR = ({"color": "0.62", "linewidth": 0.9}, {"color": "black", "linewidth": 0.7})
 _PAIR_OF_REFERENCES = ({"color": "0.45", "linestyle": "--"}, {"color": "black", "linestyle": ":"})
-_LAWS = {"beam": "beam", "curve": "bristle, along a slip ramp", "bristle": "bristle, at rest"}
-_SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle at rest"}
+_LAWS = {"beam": "beam", "curve": "bristle, along a slip ramp", "bristle": "bristle, steady state"}
+_SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle, steady"}
 
 
 def model_figures(curves: Sequence[ModelCurve]) -> dict[str, Figure]:

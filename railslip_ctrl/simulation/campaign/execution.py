@@ -1,7 +1,7 @@
 """Execution of a campaign, in processes of this machine or on a Dask cluster, and replay of single runs.
 
-A new campaign is divided into parts. Its folder has a manifest and a Parquet file for each finished part; each file is
-complete. A resumed campaign runs the missing parts.
+A new campaign is divided into parts. Its folder has a manifest and a Parquet file for each finished part. A resumed
+campaign runs the missing parts.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ MEASURES = (
 """Measures for which there are statistics."""
 
 OTHERS = (
-    Measure("ended_at_s", "time at the end, stop or not", "s", lambda run: run.braking_time),
-    Measure("ended_at_m", "distance at the end, stop or not", "m", lambda run: run.braking_distance),
+    Measure("ended_at_s", "time at the end of the run", "s", lambda run: run.braking_time),
+    Measure("ended_at_m", "distance at the end of the run", "m", lambda run: run.braking_distance),
     Measure("first_lock_s", "first lock; null: never", "s", lambda run: run.first_lock),
     Measure("final_speed", "speed at the end", "m/s", lambda run: run.final_speed),
     Measure(
@@ -183,7 +183,7 @@ class Store:
         if (folder / MANIFEST).exists():
             return cls._resumed(campaign, folder)
         if folder.exists() and (not folder.is_dir() or _foreign(folder)):
-            raise InputError(f"out: {str(folder)!r} holds other files; choose a new or empty folder")
+            raise InputError(f"out: {str(folder)!r} has other files; choose a new or empty folder")
         usual = max(_FEWEST_RUNS, min(_MOST_RUNS, campaign.runs // _PARTS))
         size = usual if part_runs is None else part_runs
         if size < 1:
@@ -206,7 +206,7 @@ class Store:
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
-                f"{where}: it holds another campaign; choose another folder, or give the campaign of this folder"
+                f"{where}: has the results of another campaign; choose another folder, or give the campaign of this one"
             )
         return cls(campaign, folder, size)
 
@@ -353,7 +353,7 @@ def execute(
     - `scheduler`: address of a Dask scheduler (``tcp://host:8786``), whose workers then run the campaign. The workers
       need the same version of this package, but no common file system.
     - `part_runs`: number of runs in a part; the default depends on the number of runs.
-    - `progress`: function that receives numbers of finished runs, first the number of runs already stored.
+    - `progress`: function that is called with the number of runs already stored, then of each newly finished part.
 
     InputError if the folder has other files, is not writable or is in use; if a worker process ends unexpectedly; or if
     the cluster cannot be reached or has another version of this package.
@@ -419,7 +419,7 @@ def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
 @contextmanager
 def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
     """Start worker processes; threads would wait for Python's lock, which a run holds for a third of its time."""
-    cache_folder()  # if it is temporary, the workers inherit it
+    cache_folder()  # made before the workers start, so that they share a temporary one
     try:
         with processes(count) as submit:
             for _ in range(count):
@@ -478,7 +478,7 @@ async def _reach(scheduler: str) -> None:
 class Replay:
     """Repeated run of a campaign: its `number`, the sampled `values`, SI, by name, and the `runs` by controller.
 
-    `stored` is True if the campaign's folder has this run; its numbers are then equal to those of the repeated run.
+    `stored` is True if the campaign's folder has this run; the stored numbers then equal those of the repeated run.
     """
 
     number: int

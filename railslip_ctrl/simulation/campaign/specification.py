@@ -43,8 +43,8 @@ CUT = 4.0
 
 _FARTHEST = 8.0  # standard deviations; bounds farther out leave a probability below 1e-15 and are refused as a mistake
 _LISTED = 200  # number of characters of the list of paths in a message
-_DRAW = 2  # child of a run's seed for the quantities; the children 0 and 1 are for random force and noise
-_DESIGN = 2**32 - 1  # child of the campaign's seed for points that are drawn together; no run has this number
+_DRAW = 2  # index of the child of a run's seed for the quantities; children 0 and 1 are for random force and noise
+_DESIGN = 2**32 - 1  # index of the campaign's child seed for points that are drawn together; no run has this number
 
 
 # --- distributions --------------------------------------------------------------------------------------------------
@@ -208,7 +208,7 @@ class _Listed(Distribution):
 
 @dataclass(frozen=True)
 class Choice(_Listed):
-    """One of the `values`, SI, equally likely or by `weights`, a ratio > 0 for each value; InputError otherwise."""
+    """One of the `values`, SI, with equal probabilities or with `weights`, a ratio > 0 for each; InputError if not."""
 
     weights: tuple[float, ...] | None = None
 
@@ -216,9 +216,7 @@ class Choice(_Listed):
         super().__post_init__()
         weights = self.weights
         if weights is not None and (len(weights) != len(self.values) or any(not 0 < w < math.inf for w in weights)):
-            raise InputError(
-                f"choice: weights {list(weights)} are not allowed; give a value > 0 for each of the values"
-            )
+            raise InputError(f"choice: weights {list(weights)} are not allowed; give one weight > 0 for each value")
 
     def at(self, u: float) -> float:
         if self.weights is None:
@@ -239,7 +237,7 @@ DISTRIBUTIONS: dict[str, Any] = {
 
 
 class Sampling(StrEnum):
-    """Method of sampling the points of the unit cube, from which all quantities follow."""
+    """Method of sampling points in the unit cube; each coordinate gives one quantity, by its quantile function."""
 
     RANDOM = "random"
     LATIN_HYPERCUBE = "latin-hypercube"
@@ -333,7 +331,7 @@ class Campaign:
     In each run the sampled vehicle, the rail and the noise are the same for every controller.
 
     - scenario: the braking run.
-    - controllers: controllers as for `simulate`; a number is added to the name of a second controller of a kind.
+    - controllers: controllers as for `simulate`; a second unnamed controller of a kind gets the number 2 in its name.
     - quantities: quantities of scenario and controllers that vary from run to run.
     - runs: number of runs, 1 to `MOST_RUNS`.
     - seed: seed of the campaign, 0 to 2^63 - 1.
@@ -468,7 +466,7 @@ class Campaign:
                 scale = self._numbers[owner][path].value if quantity.relative else 1.0
                 if scale is None:
                     raise InputError(
-                        f"quantity: {path!r} has no value, so that a factor has no effect; give the value itself"
+                        f"quantity: {path!r} has no value that a factor could change; give values, not factors"
                     )
                 taken.add((owner, path))
                 all_targets[-1].append((owner, path, scale))
@@ -498,7 +496,7 @@ class Campaign:
         if self.runs % points:
             less, more = self.runs // points * points, (self.runs // points + 1) * points
             raise InputError(
-                f"runs: {self.runs} is not allowed; the grid has {points} points, give a multiple of them: "
+                f"runs: {self.runs} is not allowed; the grid has {points} points; give a multiple of {points}: "
                 f"{f'{less} or ' if less else ''}{more}"
             )
         if self.sampling is Sampling.SOBOL and self.runs & (self.runs - 1):
@@ -509,7 +507,7 @@ class Campaign:
             )
 
     def _check_ends(self) -> None:
-        """Raise InputError if the smallest or largest value of a quantity is not allowed; the others are at medians."""
+        """Raise InputError if the smallest or largest value of a quantity, the others at medians, is not allowed."""
         middle = [distribution.at(0.5) for distribution in self._distributions]
         for k, distribution in enumerate(self._distributions):
             for end in distribution.ends:
@@ -550,7 +548,7 @@ class ControllerTable(Record):
     gains: Literal["beam", "bristle"] | None = None
     kp: float | None = units.quantity("N*m/(m/s)", "proportional gain", default=None)
     ki: float | None = units.quantity("N*m/m", "integral gain", default=None)
-    slip: float | None = units.quantity("1", "reference slip ratio on either rail", gt=0, lt=1, default=None)
+    slip: float | None = units.quantity("1", "reference slip ratio on dry and on wet rail", gt=0, lt=1, default=None)
     knows_rail: bool = True
     adaptive: bool = False
 

@@ -132,7 +132,7 @@ class Histogram(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasureSummary:
-    """Statistics of a measure over the stopped runs; `excluded` of them have no finite value."""
+    """Statistics of a measure over the stopped runs, without the `excluded` ones, which have no finite value."""
 
     moments: Moments
     excluded: int
@@ -166,7 +166,10 @@ class ControllerSummary:
 
 @dataclass(frozen=True)
 class Paired:
-    """Difference of two controllers, `second` minus `first`, over the sampled runs in which both stopped."""
+    """Mean difference of a measure, `second` minus `first` controller, over the `pairs` of runs in which both stopped.
+
+    `second_smaller` is the share of these runs in which the value of `second` is smaller.
+    """
 
     first: str
     second: str
@@ -235,7 +238,7 @@ class _Runs:
         self._store, self._parts = store, list(store.finished())
         self.names = store.campaign.controller_names
         if not self._parts:
-            raise InputError(f"out: {str(store.folder)!r} has no finished part; run the campaign")
+            raise InputError(f"out: {str(store.folder)!r} has no results yet; run the campaign")
         self.number = np.concatenate([np.arange(*part) for part in self._parts])
         outcomes = self._column("outcome").combine_chunks().dictionary_encode()
         self.outcomes: list[str] = outcomes.dictionary.to_pylist()
