@@ -80,7 +80,7 @@ SEEDS = "give a whole number from 2 to 100000"
 @pytest.mark.parametrize(("words", "told"), [
     ("margins --mass -3", "--mass: -3 kg is not allowed; give a value > 0 kg"),
     ("margins --slip 1", "--slip: 1 is not allowed; give a value < 1"),
-    ("margins --slip 0", "rest"),
+    ("margins --slip 0", "--slip: 0"),
     ("margins --speed 1e9", "--speed: the reference slip 0.132 at 1e+09 km/h is outside the domain"),
     ("margins --speed 1e9 --slip 0.1", "--slip: 0.1 at 1e+09 km/h is outside the domain"),
     ("margins --speed 1e9 --envelope default", "--speed: 1e+09 is not allowed; give finite values > 0 and <= 1000"),
