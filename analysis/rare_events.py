@@ -104,6 +104,8 @@ def main() -> None:
                 print(
                     f"  {method} {value:.3g} [{low:.2g}, {high:.2g}], coefficient of variation {100 * variation:.0f} %"
                 )
+        shares = sorted(event.shares.items(), key=lambda item: -item[1])
+        print("  contributions: " + ", ".join(f"{name} {100 * value:.0f} %" for name, value in shares))
         for distance, plain, rare in found.plain:
             texts = ("{:.3g} [{:.2g}, {:.2g}]".format(*one) for one in (plain, rare))
             print(f"  over {distance:.1f} m: plain {' rare '.join(texts)}")

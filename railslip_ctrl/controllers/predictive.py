@@ -161,7 +161,7 @@ class Predictive(Controller):
 
     @classmethod
     def _orders(cls) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Fields that must be in order, and the relation between them."""
+        """Return groups of fields whose values must increase, each with the relation between neighbours."""
         return (
             (" <= ", ("last_share", "hand_over_share")),
             (" < ", ("last_speed", "hand_over_speed", "fade_speed")),  # the law divides by their differences

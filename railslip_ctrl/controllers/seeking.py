@@ -185,7 +185,10 @@ def above_hand_over(x: Any, p: Any, v: float) -> Any:
 
 
 def quickly(x: Any, p: Any, torque: float) -> Any:
-    """Return the command that brings the torque ahead of the dead time to a torque, N*m, by the gain of the layer."""
+    """Return the command, N*m, that moves the torque ahead of the dead time towards `torque`, N*m.
+
+    Its rate is the difference times the gain of the boundary layer.
+    """
     return towards(x, p, (torque - x.torque_ahead) * (p.reaching_rate + p.switching_gain / p.layer))
 
 
@@ -278,7 +281,10 @@ def learn(x: Any, p: Any, slip: float) -> None:
 
 
 def fit(x: Any, scale: float, prior: float) -> None:
-    """Solve the least squares for a > 0, b >= 0, c >= 0; the prior on b and c prefers a curve without a peak."""
+    """Fit slip/mu = a + b slip + c slip^2 by least squares, with a > 0, b >= 0, c >= 0.
+
+    The prior on b and c prefers a curve without a peak.
+    """
     s0, s1, s2, s3 = x.sums[0], x.sums[1], x.sums[2], x.sums[3]
     s11, s22 = s2 + prior, x.sums[4] + prior * scale**2
     c00, c01, c02 = s11 * s22 - s3 * s3, s2 * s3 - s1 * s22, s1 * s3 - s11 * s2

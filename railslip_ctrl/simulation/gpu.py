@@ -23,31 +23,20 @@ from .counted import Counted, normal
 from .run import Run, Simulator, kernel_text
 
 MEMORY_SHARE = 0.5  #: share of free device memory for the stops of one launch; the threads' stacks need the rest
-
 _THREADS = 64  # threads of a block
 _REGISTERS = 128  # largest number of registers of a thread; 128 was the fastest value in trials on an H200
-
 _HEAD = """from numba import cuda
-
 compiled = cuda.jit(device=True)
 entry = compiled
-
-
 @compiled
 def sign(x):
     return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
-
-
 @compiled
 def whole_floor(x):
     return int(math.floor(x))
-
-
 @compiled
 def whole_ceil(x):
     return int(math.ceil(x))
-
-
 @compiled
 """
 
@@ -58,9 +47,8 @@ def _local(name: str, size: str, value: str, kind: str = "float64") -> str:
 
 # CUDA needs array sizes as numbers; random numbers are computed where the CPU kernel reads them from an array
 _CHANGES = {
-    "k, new = np.empty((4, STATES)), np.empty(STATES)": (
-        "k, new = cuda.local.array((4, STATES), np.float64), cuda.local.array(STATES, np.float64)"
-    ),
+    "np.empty((4, STATES))": "cuda.local.array((4, STATES), np.float64)",
+    "np.empty(STATES)": "cuda.local.array(STATES, np.float64)",
     "fired = np.zeros(events.time.size, dtype=np.bool_)": _local("fired", "{events}", "False", "bool_"),
     "history = np.full(delay + 2, y[TORQUE])": _local("history", "{history}", "y[TORQUE]"),
     "measured = np.zeros(READ + 1)": _local("measured", "READ + 1", "0.0"),
@@ -158,5 +146,5 @@ def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
     draws = np.array([force.random_force, *seed]), np.array([[noise.speed_noise, noise.wheel_noise], seed])
     y, x = np.zeros(layout.STATES), np.array(simulator.controller.flat(simulator.start), dtype=float)
     y[layout.V] = simulator.scenario.initial_speed
-    settings = tuple({**plan.settings, "random_hold": hold}.values())
-    return settings, *padded, *draws, plan.p, plan.c, plan.chosen, table, plan.limits, y, x
+    settings = {**plan.settings, "random_hold": hold}
+    return tuple(settings.values()), *padded, *draws, plan.p, plan.c, plan.chosen, table, plan.limits, y, x

@@ -107,7 +107,7 @@ class Stops:
             raise InputError(f"controllers: {len(campaign.controllers)} given; a rare event needs exactly one")
         for quantity in campaign.quantities:
             if isinstance(quantity.distribution, Grid):
-                raise InputError(f"quantity: {quantity.name!r} is a grid without probabilities; give a choice")
+                raise InputError(f"quantity: {quantity.name!r} is a grid, which has no probabilities; give distribution = 'choice'")
         simulator = Simulator(campaign.scenario, campaign.controllers[0])
         self.nominal = simulator.run(None)
         force, noise = campaign.scenario.disturbances, campaign.scenario.measurement
@@ -171,7 +171,12 @@ class Tail(NamedTuple):
 
 @by_content
 class FailingStop(NamedTuple):
-    """Most likely stop with the event: its distance from the medians in standard deviations, its draws, and its run."""
+    """Most likely stop in which the event occurs.
+
+    - distance: distance of all random inputs from their medians, in standard deviations.
+    - values, noise: values of the quantities by name, SI, and random numbers of the force and the sensor noise.
+    - run: the simulated stop.
+    """
 
     distance: float
     values: dict[str, float]

@@ -75,7 +75,10 @@ class Sampled(NamedTuple):
 
 
 def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smallest: float, count: int) -> Levels:
-    """Find levels down to the event or to probability `smallest`; stop if the values do not rise any more."""
+    """Find thresholds of decreasing probability, until the event or the probability `smallest` is reached.
+
+    The search ends early if all points have the same value.
+    """
     points = rng.standard_normal((count, inputs))
     values, reached, step, thresholds, steps = limit_state(points), 1.0, 0.8, list[float](), list[float]()
     while np.mean(values > threshold) < _SHARE and reached > 1.001 * smallest / _SHARE:
