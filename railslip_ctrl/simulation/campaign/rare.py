@@ -107,7 +107,9 @@ class Stops:
             raise InputError(f"controllers: {len(campaign.controllers)} given; a rare event needs exactly one")
         for quantity in campaign.quantities:
             if isinstance(quantity.distribution, Grid):
-                raise InputError(f"quantity: {quantity.name!r} is a grid without probabilities; give the distribution choice")
+                raise InputError(
+                    f"quantity: {quantity.name!r} is a grid without probabilities; give the distribution choice"
+                )
         simulator = Simulator(campaign.scenario, campaign.controllers[0])
         self.nominal = simulator.run(None)
         force, noise = campaign.scenario.disturbances, campaign.scenario.measurement
