@@ -337,7 +337,7 @@ class Controller(Record):
 
     @classmethod
     def described_in(cls) -> tuple[type, ...]:
-        """Classes whose fields define meaning, unit and bounds of the step's numbers, in order of priority."""
+        """Classes whose fields give meaning, unit and bounds of states and parameters, in order of priority."""
         return tuple(owner for owner in (getattr(cls, "State", None), cls.Parameters, cls) if owner is not None)
 
     @property

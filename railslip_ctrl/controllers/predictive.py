@@ -382,7 +382,7 @@ def towards(x: Any, p: Any, rate: float) -> Any:
 
 
 def sliding_torque(x: Any, p: Any, reference: float) -> Any:
-    """Command of the law: S is reached by k S + K sat(S/phi), and on S the predicted slip error decays with kappa."""
+    """Command of the law: k S + K sat(S/phi) brings S to 0; on S = 0 the predicted slip error decays at rate kappa."""
     error = reference * x.speed_ahead - x.sigma_ahead
     held = x.holding_torque
     surface = held + p.wheel_inertia / p.radius * p.kappa * error - x.torque_ahead

@@ -225,7 +225,7 @@ def _rightmost_poles(loop: Any) -> Complexes:
 
 
 def _verdict(margins: Sequence[Margins | None], controller: Any) -> Verdict:
-    """Return the verdict on loops by their margins, None for an unstable loop."""
+    """Return the verdict on loops from their margins; the margins of an unstable loop are None."""
     stable = [m for m in margins if m is not None]
     if len(stable) < len(margins):
         return Verdict.UNSTABLE

@@ -703,7 +703,7 @@ class _Search:
         return low, high
 
     def start(self, integral_time: float) -> float:
-        """Return a gain that stabilises some operating point of highest speed, or 1."""
+        """Return a gain that stabilises an operating point of the highest speed; 1 if none is found."""
         fast = np.flatnonzero(self.points.operating & (self.points.speed_kmh == self.points.speed_kmh.max()))
         for index in fast.tolist():
             case = self.points.case(index)

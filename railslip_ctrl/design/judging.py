@@ -106,7 +106,7 @@ def _kept(margins: Margins | None) -> str:
 class MsMap:
     """Worst Ms over speed and load, at the operating points and with tolerances.
 
-    Ms is that of the sampled loop if it is larger.
+    Each Ms is the larger of those of the continuous and the sampled loop.
 
     `speeds_kmh` (m,), ascending; `loads` (n,); `operating` and `with_tolerances` (m, n), inf where a loop is unstable
     and NaN at a speed and load without a case.

@@ -464,8 +464,8 @@ def stabilizing_pid(
 def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> IntersectionRegion:
     """Return the gains that are in every one of `regions`, in their units.
 
-    `names` are names of the plants for the reason of an empty intersection; by default numbers. InputError: no region
-    is given, or the number of names differs.
+    `names` are the names of the plants in the `reason` why an intersection is empty; by default the plants are
+    numbered. InputError: no region is given, or the number of names differs.
     """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")

@@ -525,8 +525,8 @@ def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, der
     formulas are derived as in the source. With dead time only an interval of lambda stabilises; the source gives it as
     a graph.
 
-    InputError for a plant that is not unstable, or whose model no controller of the structure stabilises (theta >= T
-    for a PI, >= 2 T for a PID), a lambda that is not > 0, or as `first_order_model`.
+    InputError: the plant is not unstable; no PI (theta >= T) or no PID (theta >= 2 T) stabilises its model; lambda is
+    not > 0; or `first_order_model` raises it.
     """
     model = first_order_model(plant, dead_time)
     if model.kind is not Kind.UNSTABLE:

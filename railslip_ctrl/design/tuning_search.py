@@ -116,7 +116,7 @@ class Forbidden:
         return list(zip(starts[wide].tolist(), ends[wide].tolist(), strict=True))
 
     def _beyond_samples(self, ki: float, radius: Floats) -> tuple[Floats, Floats]:
-        """Return the ends of the kp that Ms excludes above the last sample, for plants that fall as 1/s^2.
+        """Return the ends of the intervals of kp that Ms excludes above the last sample, for plants that fall as 1/s^2.
 
         The plants have no dead time. Centre -x and radius of the ellipses grow as omega^2, y at most as omega, and
         ki/omega falls. So if ki/omega + |y| < r at the last sample, an ellipse contains every kp beyond its centre.
@@ -128,7 +128,10 @@ class Forbidden:
         return np.where(kp > 0, kp, -np.inf), np.where(kp > 0, np.inf, kp)
 
     def _arcs(self, vertical: Floats, specification: Specification) -> list[tuple[Floats, Floats]]:
-        """Return the ends of the kp with a crossover between neighbouring samples that has too little phase margin."""
+        """Return the ends of the intervals of kp that the phase or delay margin excludes.
+
+        In each interval the gain crossover is between two neighbouring samples.
+        """
         phase = np.deg2rad(specification.phase_min_deg or 0.0)
         if specification.ms_max is not None:
             phase = max(phase, 2 * np.arcsin(0.5 / specification.ms_max))  # |1 + L| = 2 sin(phase/2) at a crossover
@@ -163,7 +166,7 @@ class Forbidden:
 
 
 def _frequencies(response: Response, usual_kp: float) -> Floats:
-    """Return frequencies so dense that gains are nearly linear between neighbours, whatever the unit of gain."""
+    """Return frequencies so dense that the excluded gains are nearly linear between neighbours, in any unit of gain."""
     system, dead_time = response.system, response.dead_time
     scales = np.abs(np.concatenate([system.zeros, system.poles, [1 / dead_time] if dead_time else []]))
     middle = np.exp(np.log(scales[scales > 0]).mean(keepdims=True)) if scales.any() else np.ones(1)

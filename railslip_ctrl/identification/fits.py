@@ -1,4 +1,4 @@
-"""Least-squares fits to the cells of a log, and the uncertainty of the fitted parameters.
+"""Least-squares fits to the means of a log by cell of slip and speed, and the uncertainty of the parameters.
 
 Fits to the cells and prediction-error fits (`prediction`) share two functions:
 
@@ -58,8 +58,9 @@ def search(
 ) -> tuple[float, Floats]:
     """Minimise the sum of squared residuals within the bounds, from the coordinates `begin`; return (sum, coordinates).
 
-    `residuals` takes parameter values. `weight` is `REGULARISATION` in the residuals' unit; its `centre` is `begin` by
-    default. The search ends when the relative change of the sum is below `tolerance`, or after `most` evaluations.
+    `residuals` takes parameter values. `weight` is the weight of the regularisation, in the unit of the residuals. The
+    regularisation pulls the coordinates towards `centre`, by default `begin`. The search ends when the relative change
+    of the sum is below `tolerance`, or after `most` evaluations.
     """
     from scipy.optimize import least_squares
 

@@ -379,7 +379,7 @@ def deceleration_differs(ratio: float) -> bool:
 
 
 def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, unit: float) -> str | None:
-    """Message if the deceleration indicates that the time is not in the `unit`, s, in which it is read; else None.
+    """Message if the deceleration indicates that the unit of the log's time is not `unit`, s, as assumed; else None.
 
     Compares the speed lost in the runs under brake with the speed loss expected from brake torque and mass, per wheel.
     `highest_pull` as in `Survey`.

@@ -504,7 +504,7 @@ class Broken:
 
     @property
     def first(self) -> tuple[str, ...]:
-        """Messages about the first lines, in the order of the file."""
+        """Messages about the first unreadable lines, in the order of the file."""
         return tuple(f"line {line}: {reason}" for line, reason in sorted(self.named))
 
 

@@ -485,7 +485,7 @@ class KalmanObserver(TorqueObserver):
 
     @cached_property
     def continuous_gain(self) -> Floats:
-        """Gain L (2) of x_hat' = A x_hat + b Tb + L (y - omega_hat), where y is the measured speed.
+        """Gain L, shape (2,), of x_hat' = A x_hat + b Tb + L (y - omega_hat), where y is the measured speed.
 
         The sampled speed noise enters as white noise of intensity speed_variance * interval.
         """
@@ -494,7 +494,7 @@ class KalmanObserver(TorqueObserver):
 
     @cached_property
     def sampled_gain(self) -> Floats:
-        """Gain K (2) of x_hat[k] = prediction + K (y[k] - predicted omega) at the nominal interval.
+        """Gain K, shape (2,), of x_hat[k] = prediction + K (y[k] - predicted omega) at the nominal interval.
 
         The noise added within an interval comes from a matrix exponential ([VanLoan1978]).
         """

@@ -110,8 +110,8 @@ FALSE_MISFIT = 0.01  #: significance level of the lack-of-fit test: at most this
 def misfit_probability(fit: Fit, table: Fit) -> float:
     """p-value of a formula in the F test for lack of fit against a table.
 
-    F is the deviance gained by the table for each additional value, over the long-run variance of the table's whitened
-    errors (at least 1). NaN for a model without a prediction-error fit.
+    F is the reduction of the deviance by the table per additional parameter, divided by the long-run variance of the
+    table's whitened errors; a variance below 1 counts as 1. NaN for a model without a prediction-error fit.
     """
     from scipy.stats import f
 

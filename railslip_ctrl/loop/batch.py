@@ -353,7 +353,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     a, b = np.array(SHAPES)[kind].T
 
     def rise(found: Points, index: Indices) -> Floats:
-        """Derivative with respect to omega of ln|S|, ln|T| or ln|S - 1/2|, whichever has its peak on the piece, s."""
+        """Derivative, s, with respect to omega of the function with the peak: ln|S|, ln|T| or ln|S - 1/2|."""
         loop = found.loop()
         slope = (b - a)[index] * (found.size_slope + 1j * found.phase_slope)
         return np.asarray((slope * loop / ((1 + loop) * (a[index] + b[index] * loop))).real)
@@ -425,7 +425,7 @@ class Loops:
             return np.asarray(turned * np.exp(self.sign @ np.log(np.hypot(self.real, self.imag))))
 
     def evaluate(self, omega: Floats, row: Indices) -> Points:
-        """L(j omega) of loop number `row` in logarithmic form, arrays (N,), by the formulas of `Rational`."""
+        """L(j omega) of the loops `row` (indices) in logarithmic form, arrays (N,), by the formulas of `Rational`."""
         log_gain, turned = np.log(np.abs(self.gain)), np.where(self.gain < 0, np.pi, 0.0)
         values = np.empty((4, omega.size))
         for start in range(0, omega.size, _BLOCK):
@@ -458,7 +458,7 @@ class Points:
         return Points(*(one[chosen] for one in self._columns()))
 
     def inserted(self, at: Indices, others: Points) -> Points:
-        """Insert `others` after the points number `at`."""
+        """Insert `others` after the points with the indices `at`."""
         size = self.row.size
         order = np.insert(np.arange(size), at + 1, np.arange(size, size + at.size))
         pairs = zip(self._columns(), others._columns(), strict=True)
@@ -535,7 +535,7 @@ def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
 
 
 def located(loops: Loops, points: Points, at: Indices, function: Callable[[Points, Indices], Floats]) -> Points:
-    """Zeros of `function` on the pieces number `at`; `function` takes points and their indices into `at`."""
+    """Zeros of `function` on the pieces `at`; `function` takes points and their indices into `at`."""
     rows, all_of_them = points.row[at], np.arange(at.size)
     omega = bracketed_roots(
         lambda x, i: function(loops.evaluate(x, rows[i]), i),
@@ -598,7 +598,7 @@ def bends(loops: Loops, points: Points) -> Floats:
 
 
 def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:
-    """True for each of the pieces number `at` on which neither of two bounds excludes a hidden gain crossover.
+    """True for each of the pieces `at` on which neither of two bounds excludes a hidden gain crossover.
 
     With |d^2 ln|L|/d omega^2| <= m on a piece of width h, the slope has one sign if |s1| + |s2| > m h, and ln|L| has
     one sign if |y1| + |y2| > h max|slope|; s and y are slope and ln|L| at the ends.
@@ -659,11 +659,12 @@ def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most:
 
 
 def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indices) -> tuple[Points, Points, Floats]:
-    """Divide pieces into equal parts; return the points, the same points numbered by piece, and their bends.
+    """Divide pieces into equal parts; return the ends of the parts, the same points numbered by piece, and `bends`.
 
+    - bent: `bends` of all pieces.
     - at, parts: indices of the pieces, and the number of parts of each.
 
-    In points numbered by piece, `row` is the piece, which keeps neighbours from different pieces apart.
+    In the points numbered by piece, `row` is the number of the piece, so that no part joins two pieces.
     """
     piece = np.repeat(np.arange(at.size), parts + 1)
     step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]

@@ -41,7 +41,7 @@ class QuasiPolynomials:
     removed: int = 0
 
     def at(self, omega: Floats, row: Rows) -> Complexes:
-        """Value F(j omega) of the functions number `row`; omega in rad/s, arrays of one shape."""
+        """Values F(j omega) of the functions with the indices `row`; omega in rad/s, arrays of one shape."""
         value, square = np.zeros(omega.size, dtype=complex), -omega * omega
         for c, delay in zip(self.terms, self.delays, strict=True):
             term = _horner(c[:, ::-1][:, ::2], square, row) + 1j * omega * _horner(c[:, ::-1][:, 1::2], square, row)
@@ -109,7 +109,7 @@ class QuasiPolynomials:
 
 
 def _horner(c: Floats, x: Any, row: Rows) -> Any:
-    """Value at x of the polynomials number `row`; coefficients in ascending powers, (n, m)."""
+    """Values at x of the polynomials with the indices `row`; `c`: coefficients in ascending powers, (n, m)."""
     value = np.zeros_like(x)
     for column in c.T[::-1]:
         value = value * x + column[row]

@@ -346,7 +346,10 @@ class Marcher:
 
 
 def pieces_at(times: Floats, length: float) -> tuple[NDArray[np.intp], Floats]:
-    """Index of the piece of each time, and the place in it, 0 to 1; the end of a piece is the start of the next."""
+    """Index of the piece that contains each time, and the position in the piece, 0 to 1.
+
+    A time at the boundary of two pieces belongs to the later piece.
+    """
     ratio = times / length
     near = np.round(ratio)
     ratio = np.where(np.abs(ratio - near) <= _SAME_TIME * (1 + near), near, ratio)

@@ -551,7 +551,10 @@ def added_delay(loop: SampledLoop) -> tuple[float, float]:
 
 
 def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
-    """Boxes of all frequencies and all fractions; fractions below the loop's own are reached one turn later."""
+    """Boxes of all frequencies and all fractions of a period.
+
+    The loop's dead time is `periods` + `own` periods, so a fraction below `own` needs a whole period more.
+    """
     half, boxes = np.diff(edges) / 2, []
     for early, late, turns in ((0.0, own, periods + 2), (own, 1.0, periods + 1)):
         if late > early:

@@ -1,7 +1,7 @@
 """Operating points of constant slip, and the linear plant about them with the speed frozen or as a state.
 
-Braking at constant slip is not an equilibrium, because v falls. An operating point is (v, lambda, rail, law) with the
-adhesion state at which z' = 0 and the brake torque, travelling resistance included, at which lambda' = 0.
+Braking at constant slip is not an equilibrium, because v falls. An operating point consists of v, lambda, rail,
+law, the adhesion state with z' = 0, and the brake torque with lambda' = 0. The travelling resistance acts on v'.
 """
 
 from __future__ import annotations

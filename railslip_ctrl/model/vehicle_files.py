@@ -234,7 +234,7 @@ class RollingStock(Record):
     air_resistance: float | None = quantity("permille", "resistance quadratic in v, of m g", ge=0, default=None)
 
     def resistance(self, mass: float) -> Resistance:
-        """Running resistance of the part of the vehicle with a `mass`, kg, in SI; a missing coefficient is 0."""
+        """Running resistance, SI, of a share of the vehicle with the mass `mass`, kg; a missing coefficient is 0."""
         per_mille = 1e-3 * mass * GRAVITY
         return Resistance(
             constant=per_mille * (self.base_resistance or 0.0),

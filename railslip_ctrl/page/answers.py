@@ -1,4 +1,7 @@
-"""Answer the requests of the page with the functions that the commands use: numbers, texts and arrays of a design."""
+"""Answer the requests of the page with numbers, texts and arrays of a design.
+
+The functions that the commands use compute them.
+"""
 
 from __future__ import annotations
 

@@ -169,7 +169,7 @@ def _si_gains(setup: tables.Setup) -> dict[str, Any]:
 
 
 def _rates_of_s(setup: tables.Setup) -> dict[str, Any]:
-    """D and K as rates of s in the printed 1/h and km/h^2, as in (38)-(39), converted to torque by J/r."""
+    """D and K if the printed values are rates of s, (38)-(39), in 1/h and km/h^2; J/r converts them to torque."""
     printed, vehicle = TABLE4_SLIDING_PRINTED[setup.case.gains], setup.scenario.vehicle
     per_hour = 1.0 / 3600.0
     torque = vehicle.effective_inertia / vehicle.wheel.radius

@@ -266,7 +266,7 @@ def check_directory(directory: Path, names: Iterable[str]) -> None:
 
 
 def _is_writable(directory: Path) -> bool:
-    """Return True if a folder can be created in a directory; it tries, because access rights do not suffice (/proc)."""
+    """True if a trial creates a folder in a directory; access rights alone do not show this, for example in /proc."""
     try:
         with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=directory):
             return True

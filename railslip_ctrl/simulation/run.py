@@ -549,7 +549,7 @@ class LoggedEvent(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Position, change and time of the event: "from 25 s: wet rail, M 5276 kg"."""
+        """Start and changes, "from 25 s: wet rail, M 5276 kg"; if the start is a distance, also the time."""
         event = self.event
         place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
         changes = [

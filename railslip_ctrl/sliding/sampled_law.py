@@ -82,7 +82,7 @@ class SampledLaw:
     - meanings: meaning and unit of the adhesion law's parameters.
     - prepare: assignments of e, v_rate, Ta and the new values of the states, before the law.
     - surface: expression of s.
-    - control: assignments of the law, from `from_adhesion` to `theta2_hat_rate`, with `SWITCHING` for sgn s.
+    - control: assignments of the torque and of the adaptation rates; the symbol `SWITCHING` replaces sgn s.
     - control_arguments: arguments of the continuous law besides the parameters.
     - note: paragraphs on the origin of Ta.
     """

@@ -196,7 +196,8 @@ class Demand:
     - at_once: bound of the disturbance including jumps of H, N*m/s.
     - tube: half width of the tube about S = 0, N*m.
     - hold: least and largest H, N*m.
-    - carried: largest K whose torque stays within the limits on S = 0, for a falling and a rising torque, N*m/s.
+    - carried: largest K for which the command on S = 0 stays within the torque limits, for a falling and a rising
+      torque, N*m/s.
     - left: rate of S towards 0 with the command at its limit, for a falling and a rising torque, N*m/s.
     - off: largest deviation of the torque, dT, N*m.
     - rate: largest rate of H, R, N*m/s.

@@ -142,7 +142,10 @@ def _close_together(s: Floats, c: float, gamma: float) -> int:
 
 
 def _in_steps(s: Floats, c: float, gamma: float) -> Floats:
-    """Integral as in `_each_alone` at slip velocities close together, each from its predecessor and the gap."""
+    """Integral of `_each_alone` at slip velocities close together.
+
+    Each integral is computed from the integral at the preceding slip velocity.
+    """
     if s.size < 2:
         return np.zeros(s.size)
     gap, end = np.diff(s), s[1:]

@@ -124,7 +124,7 @@ class Stops:
             raise InputError("quantity: no input is random; give a quantity, a random force or sensor noise")
 
     def drawn(self, point: Floats) -> tuple[dict[str, float], Noise]:
-        """Return the values of the quantities by name, and the noise, at a point (values of all inputs)."""
+        """Return the value of each quantity by name, and the noise, at a `point`: values of all inputs, (inputs,)."""
         from scipy.special import ndtr
 
         quantities = self.campaign.quantities
@@ -252,7 +252,7 @@ class ConfidenceLevels:
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Return the factor of the highest confidence level in one line."""
+        """Return Kdry_rst at the highest confidence level in one line."""
         last = self.factors[-1]
         return f"Kdry_rst = {last.factor.value:.3g} at EBCL {last.level}, {self.stops} stops"
 

@@ -46,7 +46,8 @@ class Repeat(NamedTuple):
     - shares: share of the points that reach each level, (levels,).
     - accepted: share of the moves in each level that stay beyond its threshold, (levels,).
     - values: values of the first points, then of the points of each level, (levels + 1, n); -inf for an empty level.
-    - mean, points: mean, and some, of the points of the event; without such points, of the last level.
+    - mean: mean of the points of the event, (inputs,), or of the last level if no point has the event.
+    - points: a random selection of these points, (m, inputs).
     """
 
     thresholds: Floats
