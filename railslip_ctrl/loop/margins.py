@@ -260,7 +260,7 @@ class _PeakSearch:
                 self._raise(kind, starts[top], [0.0, *starts, math.inf][top : top + 3 : 2])
 
     def _raise(self, kind: int, start: float, between: Sequence[float]) -> None:
-        """Store the peak near `start`, or else the value at `start`, if it is higher than the best of its kind so far."""
+        """Store the peak near `start`, or else the value at `start`, if higher than the best of its kind so far."""
         shape, exact = SHAPES[kind], self._response.exact
         low, high = between
         omega = _near_peak(self._response, *shape, low, start, high)
