@@ -151,7 +151,8 @@ class Controller(Record):
 
         - state: has the fields of `State`.
         - measurement: has the fields of `Measurement`.
-        - parameters: has the fields of `Parameters`, or of the controller, and `period` (s), `reference_slip` (ratio).
+        - parameters: has the fields of `Parameters` (of the controller if `Parameters` is None), and also `period` (s)
+          and `reference_slip` (ratio).
         """
         raise NotImplementedError
 

@@ -137,7 +137,7 @@ def _program(
     head: Callable[[int], Iterable[str]],
     adhesion: Mapping[Rail, list[str]] = MappingProxyType({}),
 ) -> CProgram:
-    """Return the C program of a step.
+    """Return the C program of a controller's step.
 
     - state, law: members of the structures for the state and the parameters of the step.
     - guard: parameters of the guard by name.
@@ -235,7 +235,7 @@ def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable
 
 
 def _parameter_members(control: Controller, step: Function, values: Mapping[str, Any]) -> list[Member]:
-    """Return the members for the parameters that a step reads, with their values."""
+    """Return the members of the C structure of parameters: those that the function `step` reads, with their values."""
     read = {
         node.attr
         for function in step.all().values()

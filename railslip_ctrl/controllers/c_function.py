@@ -1,4 +1,4 @@
-"""Translation of a function of a step (`translate.Function`) to C99 with a single `return` and `const` variables."""
+"""Translate the step of a controller, or a function that it calls, to C99 with one `return` and `const` variables."""
 
 from __future__ import annotations
 

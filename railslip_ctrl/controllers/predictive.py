@@ -393,9 +393,9 @@ def sliding_torque(x: Any, p: Any, reference: float) -> Any:
 def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
     """Limit the torque below the hand-over speed to a share of the mean holding torque.
 
-    The share falls with the square of the speed lost. Once the slip is below its reference the share is commanded
-    without feedback. Before that, a runaway slip halves the torque. A locked wheel is released at any time. The
-    torque is lower afterwards.
+    The share falls with the square of the decrease of speed since the hand-over. Once the slip is below its reference,
+    the share is commanded without feedback. Before that, a runaway slip halves the torque. A locked wheel is released
+    at any time. After a runaway slip or a release the torque is lower.
     """
     if v >= p.hand_over_speed:
         x.mean_holding += p.period / MEAN_TIME * (x.holding_torque - x.mean_holding)

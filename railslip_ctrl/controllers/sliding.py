@@ -82,7 +82,7 @@ class Sliding(Controller):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Read the keys of a file; `adhesion` is the name of the file of an adhesion law, or a table with its keys."""
+        """Read the keys of a controller file; the key "adhesion" has a file name or a table with an adhesion law."""
         v0 = None if initial_speed is None else initial_speed / KMH
         if isinstance(given := content.get("adhesion"), str):
             if not given.lower().endswith(".toml"):

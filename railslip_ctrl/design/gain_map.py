@@ -93,7 +93,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
         return intervals
 
     def row(ki: float, ms: float | None) -> list[Interval]:
-        """Return the intervals of kp at one ki; finite Ms excludes poles on the axis, so one loop decides each."""
+        """Return the intervals of kp at one ki; finite Ms excludes poles on the axis, so one loop tests each."""
         if ms is None or not stable(ki):
             return stable(ki)
         gaps = family.forbidden.gaps(ki, Specification(ms), ki)
@@ -189,9 +189,9 @@ def _pole(plant: LinearPlant) -> float:
 
 @dataclass(frozen=True)
 class Screen:
-    """Quick choice of the hardest of many plants for a controller, by |S| on a grid of frequencies; made by `of`.
+    """Quick search for the plant that a controller controls worst, by |S| at frequencies; create it with `Screen.of`.
 
-    It only selects the plant whose exact margins are then computed.
+    It only selects the plant; the exact margins are then computed for this plant.
 
     - omega: frequencies, rad/s, (m,).
     - responses: frequency responses of brake and wheel, (n, m).

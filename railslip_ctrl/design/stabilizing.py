@@ -370,7 +370,7 @@ class StabilizingRegion(Region):
 
 @dataclass(frozen=True)
 class IntersectionRegion(Region):
-    """Gains that are in all of `regions`; made by `intersection`. `names` are names of the plants for `reason`."""
+    """Gains that are in all of `regions`; create it with `intersection`. `names`: names of the plants for `reason`."""
 
     regions: tuple[Region, ...]
     names: tuple[str, ...] = ()
@@ -538,8 +538,8 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
     `ki_limit` are the largest gains, > 0, in the region's units; a strip that continues beyond them is marked. By
     default the whole region.
 
-    A strip's ends are refined only where the number of intervals changes between columns. Parts that appear and vanish
-    between two columns are missed; `Region.contains` is exact.
+    The ends of a strip are refined only where two neighbouring columns have different numbers of stable intervals of
+    ki. Parts of the region that lie between two columns are missed; `Region.contains` is exact.
 
     The strips are in order of kp; none for an empty region. `ki_high` is inf if ki is unbounded and no `ki_limit` is
     given. InputError: the region is unbounded in kp, and no limit is given; a limit is not > 0.

@@ -440,14 +440,16 @@ class RuleTuning:
 def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     """Reduce a plant with real poles to first order by the half rule ([Skogestad2003]).
 
+    - plant: linear system from command to output, without the dead time. Its poles are real, at most one of them on or
+      right of the imaginary axis; InputError for another plant.
+    - dead_time: dead time, s, >= 0.
+
     The model keeps the largest lag (or the integrator) of a stable or integrating plant. Half of the next lag is added
     to it, half to the dead time. All smaller lags, and 1/z of each zero z right of the axis, are added to the dead
-    time. The time constant of a zero left of the axis is subtracted from the dead time if the dead time is larger. An
-    unstable pole is not changed, and every lag is added to the dead time: half a lag added to 1/p would make the pole
-    slower than it is. This deviates from the source, which is for stable and integrating plants.
+    time. The time constant of a zero left of the axis is subtracted from the dead time if the dead time is larger.
 
-    `plant` is from command to output without the `dead_time`, s, >= 0; its poles are real, at most one of them on or
-    right of the axis. InputError for another plant.
+    If the plant has an unstable pole p, the model keeps p, and all lags are added to the dead time: half a lag added to
+    1/p would make the pole slower than it is. The source covers only stable and integrating plants.
     """
     number("dead time", dead_time, "s", ge=0)
     plant = Rational.from_control(plant, "plant")

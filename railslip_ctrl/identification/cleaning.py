@@ -184,13 +184,13 @@ class Resolution:
         self._steps: dict[str, float] = {}
 
     def add(self, name: str, values: Floats) -> None:
-        """Include a piece of a column."""
+        """Include the `values` of a piece of the column `name`."""
         step = step_of(values)
         if step > 0.0:
             self._steps[name] = min(step, self._steps.get(name, step))
 
     def __getitem__(self, name: str) -> float:
-        """Step of a column, SI; 0 if none was seen."""
+        """Quantisation step of a column, SI; 0 if none was seen."""
         return self._steps.get(name, 0.0)
 
 

@@ -445,7 +445,7 @@ class WheelSpeeds:
 class ColumnStep:
     """Resolution of a quantised column: its header `label`, and its `step` in the file's unit.
 
-    `share` is the same step as a slip ratio at the initial speed, or as mu if the column is a torque.
+    `share` is the step converted to a slip ratio at the initial speed, or to mu if the column is a torque.
     """
 
     label: str
@@ -466,9 +466,11 @@ class ColumnStep:
 def column_steps(
     resolution: Resolution, columns: Mapping[str, Column], radius: float, speed: float, load: float
 ) -> tuple[ColumnStep, ...]:
-    """Steps of the columns of a log, at a wheel radius, m, initial speed, m/s, and wheel load, N.
+    """Quantisation step of each quantised column of a log, also converted to a slip ratio or to mu.
 
-    A quantity that is not in `columns` is in SI.
+    - resolution: quantisation steps of the quantities, SI.
+    - columns: columns of the file, by quantity; a quantity that is not in `columns` is in SI.
+    - radius, speed, load: wheel radius, m, initial speed, m/s, and wheel load, N, for the conversion.
     """
     shares = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
     steps = []

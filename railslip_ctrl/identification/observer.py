@@ -361,9 +361,9 @@ class FilterObserver(TorqueObserver):
         return SampledForm(1 - share[:, None], before, now, np.ones(1), direct, interval)
 
     def _weights(self, h: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the state's decay over the interval h (s), and the weights of u at its start and its end.
+        """Return the decay of the filter's state over an interval h, s, and the weights of u at its start and end.
 
-        In the printed form both weights are 0.
+        u is the brake torque plus B omega. The form printed in (27) does not filter u, so both weights are 0.
         """
         q = h / self.time_constant
         share = -np.expm1(-q)

@@ -141,7 +141,7 @@ def _least(balls: Iterable[arb]) -> arb:
 
 @dataclass(frozen=True)
 class _End:
-    """Values at an end of a piece: frequency, from 0 to infinity; ln|L| as a double; arg L/pi, None for -infinity."""
+    """Values at an end of a piece of the axis: frequency, 0 to inf; ln|L| as a double; arg L/pi, None for -infinity."""
 
     omega: arb
     size: float
@@ -193,7 +193,7 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
 
 
 def _first_odd(near: _End, far: _End) -> int | None:
-    """First odd value of arg L/pi strictly inside a piece, counted from its near end; None if there is none."""
+    """First odd value of arg L/pi strictly between two frequencies, counted from `near`; None if there is none."""
     if near.half_turns is None:
         return None  # phase crossovers accumulate at infinity; the limit of |L| there is a gain limit of its own
     rising = far.half_turns is not None and float(far.half_turns.mid()) > float(near.half_turns.mid())
@@ -211,7 +211,10 @@ def _first_odd(near: _End, far: _End) -> int | None:
 
 
 def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
-    """Frequency inside a piece with arg L = `odd` pi, by Newton's method and the signs on either side."""
+    """Frequency between `start` and `end` at which arg L = `odd` pi, found by Newton's method.
+
+    The sign of arg L - `odd` pi changes within the ball returned; _TooWideError if that is not shown.
+    """
     first, last = (-math.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end))
     found = phase_crossover(response, float(start.omega.mid()), float(end.omega.mid()), first, last, odd)
     omega = response.exact.phase_crossover(found, response.turned(found)[1], odd)

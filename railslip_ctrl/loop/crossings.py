@@ -574,7 +574,7 @@ def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = 
 
 
 def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
-    """Frequency, rad/s, with arg L/pi = `odd` inside a piece with `first` and `last` at its ends."""
+    """Frequency, rad/s, at which arg L/pi is `odd`, between frequencies where arg L/pi is `first` and `last`."""
     target, dead_time = math.pi * odd, response.dead_time
     if math.isinf(high):  # at high frequency the dead time dominates the phase
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf

@@ -306,7 +306,7 @@ class _PeakSearch:
                 left += [(middle, high, size, last), (low, middle, first, size)]
 
     def _middle(self, low: float, high: float) -> tuple[float, bool]:
-        """Frequency at which to divide a part, and whether the part is short enough to try bounds."""
+        """Frequency that divides a part of the axis, and whether the part is short enough to try bounds."""
         if math.isinf(high):
             return (_OUTWARD * low or 1 / self._response.dead_time), False
         tried = (high - low) * self._response.dead_time < _MOST_TURNED
@@ -327,7 +327,12 @@ class _PeakSearch:
         return True
 
     def _positive(self, kind: int, around: _Around, *, even: bool = False) -> bool:
-        """True if the margin of a kind stays positive on a part; `even`: the part begins at 0 and its peak is at 0."""
+        """True if u P + v N + w > 0 is proved on a part of the frequency axis, so no higher peak is there.
+
+        - kind: index of the peak in (|S|, |T|, |S - 1/2|).
+        - around: expansion of P and N on this part.
+        - even: whether this part begins at 0 rad/s and the peak is at 0 rad/s.
+        """
         u, v, w = self._forms[around.inverted][kind]
         (p, p1, p2, p3), (n, n1, n2, n3), half = around.p, around.n, around.half
         value, slope, second, third = u * p + v * n + w, abs(u * p1 + v * n1), u * p2 + v * n2, u * p3 - v * n3
@@ -339,7 +344,7 @@ class _PeakSearch:
         return convex > 0 and (even or value > slope * slope / (2 * convex))
 
     def _expanded(self, low: float, high: float) -> _Around | None:
-        """Expand P and N over a part in ln omega, or in omega from 0 on; None if no bound exists."""
+        """Expand P and N in ln omega between two frequencies, in omega if `low` is 0; None if no bound exists."""
         middle, half = (math.sqrt(low) * math.sqrt(high), 0.5 * math.log(high / low)) if low else (0.5 * high,) * 2
         try:
             value, slope, second = self._response.at(middle)
@@ -375,7 +380,7 @@ class _Around(NamedTuple):
     """Expansion of P = |1 + L|^2 and N = |L|^2: value and two derivatives in the middle, bound on the third."""
 
     inverted: bool  # true: P and N are those of 1/L
-    half: float  # half width of the part
+    half: float  # half width of the part of the axis
     p: tuple[float, float, float, float]
     n: tuple[float, float, float, float]
 

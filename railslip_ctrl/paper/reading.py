@@ -85,7 +85,7 @@ READING = _rules()  #: the rules, in the order of `reading.toml`
 
 
 Change = Callable[[tables.Setup], tables.Setup | None]
-"""Function that changes a column's setup from the reading to an alternative; None if the column is not affected."""
+"""Function that changes the setup of a column of Table 5 from the reading to an alternative; None: not affected."""
 
 _LOAD_RATIO = PARK2008.mass_loaded / PARK2008.mass
 _FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m; no controller commands such a torque, so it is no limit
@@ -118,17 +118,17 @@ class _LoadedWetCurve(Curve):
 
 
 def _scenario(**changes: Any) -> Change:
-    """Change fields of the scenario."""
+    """Return the change that sets fields of the scenario."""
     return lambda setup: replace(setup, scenario=setup.scenario.with_changes(**changes))
 
 
 def _part(name: str, **changes: Any) -> Change:
-    """Change fields of a part of the scenario."""
+    """Return the change that sets fields of the record `name` in the scenario."""
     return lambda setup: _scenario(**{name: getattr(setup.scenario, name).model_copy(update=changes)})(setup)
 
 
 def _wet_by(law: type[Curve]) -> Change:
-    """Change the effect of a wet rail on the curve."""
+    """Return the change that replaces the curve by one with another effect of a wet rail."""
     return lambda setup: _scenario(adhesion=law(**dict(setup.scenario.adhesion)))(setup)
 
 
@@ -138,7 +138,7 @@ def _plant(columns: Sequence[Column] = COLUMNS, **changes: Any) -> Change:
 
 
 def _controller(kind: type[Any], changes: Callable[[tables.Setup], dict[str, Any]]) -> Change:
-    """Change fields of the controllers of a kind."""
+    """Return the change that sets fields of the controller in the columns whose controller has the class `kind`."""
 
     def change(setup: tables.Setup) -> tables.Setup | None:
         if not isinstance(setup.controller, kind):
@@ -153,7 +153,7 @@ def _asmc(**changes: Any) -> Change:
 
 
 def _one_reference(reference: ReferenceSlip) -> Change:
-    """Use the same reference slip in every column."""
+    """Return the change that gives the controller of every column of Table 5 the same reference slip."""
     return lambda setup: replace(
         setup, controller=published_controller(setup.case.kind, setup.case.gains, reference=reference)
     )
@@ -241,7 +241,7 @@ _UNTOUCHED = np.full(len(tables.QUANTITIES), math.nan)
 class SensitivityRow:
     """Results of one alternative.
 
-    - results: the four columns; a column that the alternative does not affect has the reading's result.
+    - results: one result for each of the four columns of Table 5; the reading's result if a column is not affected.
     - rms_deviation_percent: rms deviation from Table 5 over all sixteen numbers, %; NaN if a run did not stop.
     - largest_change_percent, largest_change_of: largest change against the reading, %, and the number that changes,
       among the affected columns whose runs all stopped; NaN and "" if there is none.
@@ -261,7 +261,12 @@ class SensitivityRow:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """All alternatives, compared with the reading (`base`, the four columns) for the same seeds."""
+    """Effect of each alternative to the interpretation (the "reading") on Table 5, with the same seeds.
+
+    - base: results of the reading, one for each of the four columns of Table 5.
+    - rows: results of the alternatives.
+    - seeds: number of runs of each column.
+    """
 
     base: tuple[tables.CaseResult, ...]
     rows: tuple[SensitivityRow, ...]

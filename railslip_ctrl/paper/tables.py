@@ -88,7 +88,7 @@ class Setup:
 
 
 def published_setup(case: TableColumn) -> Setup:
-    """Setup of a `case`, a column of Table 5, in the reading of `reading.READING`."""
+    """Setup of a `case`, a column of Table 5, by the rules of interpretation in `reading.READING`."""
     return Setup(case, published_scenario(), published_controller(case.kind, case.gains))
 
 

@@ -1,6 +1,6 @@
 """Effect of lag and dead time on the published law and its robust variants, and the largest stable gains.
 
-`relay_loop` decides the linear loop: existence of a sliding mode, exact root counts, and the largest value of each
+`relay_loop` finds for the linear loop whether a sliding mode exists, exact root counts, and the largest value of each
 gain. Each limit holds with the other gains unchanged; two gains at their limits may be unstable together. In the
 adaptive loop the relay acts as a gain, which is near 0 for large excursions of s and grows as they become smaller.
 `fixed_step` simulates the nonlinear wheel. A run is lost if the wheel locks or leaves its adhesion law's domain.

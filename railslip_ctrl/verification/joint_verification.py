@@ -1,4 +1,4 @@
-"""Verification of a sliding-mode law: `verify` decides the claims of [Park2008] (33)-(49) and further conditions."""
+"""Verification of a sliding-mode law: `verify` checks the claims of [Park2008] (33)-(49) and other conditions."""
 
 from __future__ import annotations
 

@@ -293,7 +293,7 @@ class _Study:
             yield
 
     def done(self, kind: str, count: int, *given: Any) -> list[Any]:
-        """Return the results of `count` tasks of a kind; results in the folder are read."""
+        """Return the results of `count` tasks of a kind; those in the folder are read, the others computed."""
         paths = [self._folder / f"{kind}-{i}.npz" for i in range(count)]
         waiting = {path: self._submit((kind, i, given)) for i, path in enumerate(paths) if not path.is_file()}
         found = []
