@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "f3f814599a1f3613bfc0fd8cd787130634834a81b4dbc5cbb39e06e588e1cc71"
+SOURCES_SHA256 = "edda8c2e95a165eb9f08cd349d5f1aebc3a9ca6523244325ffa9f180dfab3c83"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
