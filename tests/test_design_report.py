@@ -466,6 +466,16 @@ def test_a_slow_brake_is_reported_with_all_that_was_tried(hopeless):
     assert {one["structure"] for one in content["trials"]} >= {"seeking", "predictive", "slide-protection"}
 
 
+def test_notes_that_the_page_leaves_out_are_counted(robust, monkeypatch):
+    skipped = tuple(f"case {i}" for i in range(12))
+    many = replace(robust.judgement, points=replace(robust.judgement.points, skipped=skipped))
+    monkeypatch.setattr(type(robust), "judgement", many)
+    texts = [block.text for block in pages._envelope(robust).blocks if isinstance(block, Paragraph)]
+    left_out = len(skipped) + len(many.slip_notes) - sum(text.startswith("Case") for text in texts)
+    assert left_out > 0
+    assert texts[-1].startswith(f"{left_out} more notes")
+
+
 def test_a_judgement_over_fewer_speeds_is_that_of_the_smaller_envelope(robust):
     some = restricted(robust.judgement, 100.0)
     again = judge(some.envelope, robust.judgement.controller)

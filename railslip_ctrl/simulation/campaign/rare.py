@@ -83,10 +83,10 @@ class Event(NamedTuple):
         if text.strip() == "lock":
             return cls("slip", 1.0 - LOCKED_SHARE)
         found = re.fullmatch(r"\s*(distance|time|slip)\s*>\s*(.+)", text)
-        if found is None:
+        if found is None or (found[1] != "slip" and re.fullmatch(r"[\d.\s]+", found[2])):
             raise InputError(
-                f'event: {shown(text)} is not allowed; give lock, or a bound: "distance > 420 m", "time > 20 s", '
-                '"slip > 0.5"'
+                f'event: {shown(text)} is not allowed; give lock, or a bound with its unit: "distance > 420 m", '
+                '"time > 20 s", "slip > 0.5"'
             )
         name, unit = f"event: {found[1]}", _MEASURES[found[1]][0]
         threshold = to_unit(found[2], unit, name=name, text_needs_unit=unit != "1")
