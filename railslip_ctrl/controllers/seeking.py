@@ -9,6 +9,7 @@ the parameters. A reaction time is the dead time plus the time constant of the o
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -154,15 +155,21 @@ class Seeking(Predictive):
         It is the least slip that gives away 0.56 % of the peak's adhesion, at most `largest_slip`, and `largest_slip`
         where adhesion falls from the start; less below `fade_speed`.
         """
-        top = peak(law, speed, wheel_load)
-        if top.slip < _LOWEST:
-            return self.largest_slip * self._kept(speed)
-        slips = np.linspace(_LOWEST, top.slip, _SLIPS)
-        enough = adhesion_coefficient(law, speed, slips, wheel_load) >= (1 - _FLAT) * top.coefficient
-        return min(float(slips[np.argmax(enough)]), self.largest_slip) * self._kept(speed)
+        return min(_flat_slip(law, speed, wheel_load), self.largest_slip) * self._kept(speed)
 
     def slip_numbers(self) -> tuple[Any, ...]:
         return self.largest_slip, self.hand_over_speed, self.fade_speed
+
+
+@lru_cache(maxsize=512)  # as many as cached peaks
+def _flat_slip(law: AdhesionLaw, speed: float, wheel_load: float) -> float:
+    """Return the least slip ratio that gives away `_FLAT` of the peak's adhesion; inf where adhesion only falls."""
+    top = peak(law, speed, wheel_load)
+    if top.slip < _LOWEST:
+        return math.inf
+    slips = np.linspace(_LOWEST, top.slip, _SLIPS)
+    enough = adhesion_coefficient(law, speed, slips, wheel_load) >= (1 - _FLAT) * top.coefficient
+    return float(slips[np.argmax(enough)])
 
 
 # --- steps of a sample ----

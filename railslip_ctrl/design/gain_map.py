@@ -224,13 +224,9 @@ class Screen:
     def hardest(self, system: Any, from_kmh: float = 0.0) -> int:
         """Return the index of the plant that is hardest to control at or above a speed.
 
-        - system: continuous linear controller. If None, the hardest plant is that with the fastest pole.
+        - system: continuous linear controller.
         - from_kmh: lowest speed, km/h.
         """
-        above = self.speeds > from_kmh * (1 - 1e-9)
-        allowed = above if above.any() else ~above
-        if system is None:
-            return int(np.argmax(np.where(allowed, self.poles, -np.inf)))
         c = controller_system(system)
         with np.errstate(all="ignore"):
             back = 1 + c(1j * self.omega) * self.responses
@@ -240,4 +236,16 @@ class Screen:
         right = self.right + np.count_nonzero(c.poles.real > 0) + np.count_nonzero(c.poles == 0) / 2
         unstable = (turned[:, -1] - turned[:, 0]) / np.pi < right - 0.5
         score = np.where(unstable, 1e300 * (1.5 + np.arctan(self.poles) / np.pi), peak)
-        return int(np.argmax(np.where(allowed, score, -np.inf)))
+        return _largest(score, self.speeds, from_kmh)
+
+
+def fastest(points: EnvelopePoints, from_kmh: float = 0.0) -> int:
+    """Return the index of the plant with the fastest pole at or above a speed, km/h."""
+    plants = points.plants
+    return _largest(np.array([_pole(one) for one in plants]), [one.point.speed_kmh for one in plants], from_kmh)
+
+
+def _largest(score: Floats, speeds: Sequence[float] | Floats, from_kmh: float) -> int:
+    """Return the index of the largest score at or above a speed, km/h; at any speed if all are below it."""
+    above = np.asarray(speeds) > from_kmh * (1 - 1e-9)
+    return int(np.argmax(np.where(above if above.any() else ~above, score, -np.inf)))

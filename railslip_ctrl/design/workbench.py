@@ -20,7 +20,7 @@ from railslip_ctrl.model.adhesion import ReferenceSlip
 from .catalogue import BY_RULE, begun
 from .envelope import Envelope, EnvelopePoints, HeldSlip
 from .envelope_tuning import common_reference, operating_plants
-from .gain_map import Screen
+from .gain_map import Screen, fastest
 from .judging import envelope_for
 
 _CACHE_SIZE = 200  # largest number of cached results, most of them small
@@ -97,8 +97,10 @@ class Workbench:
 
     def hardest(self, control: Controller, points: EnvelopePoints, from_kmh: float) -> int:
         """Return the index of the hardest plant at or above a speed (km/h), whose loop is shown."""
-        linear = isinstance(control, LinearControl) and getattr(control.system, "period", None) is None
-        return self.of_points(points, "screen", Screen.of).hardest(control.system if linear else None, from_kmh)  # type: ignore[attr-defined, no-any-return]
+        if not isinstance(control, LinearControl) or getattr(control.system, "period", None) is not None:
+            return fastest(points, from_kmh)
+        screen: Screen = self.of_points(points, "screen", Screen.of)
+        return screen.hardest(control.system, from_kmh)
 
     def of_points(self, points: EnvelopePoints, name: Any, make: Callable[[EnvelopePoints], Any]) -> Any:
         """Return `make(points)`, cached; the points are cached too, so that their id stays unique."""

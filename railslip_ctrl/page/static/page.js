@@ -5,7 +5,7 @@ const $ = (id) => document.getElementById(id);
 const make = (tag, given) => Object.assign(document.createElement(tag), given);
 const copyOf = structuredClone;
 const CLIENT = Math.random().toString(36).slice(2);
-const SHORT_WAIT = 70, LONG_WAIT = 350; // ms without a change before a request is sent: quick requests, slow requests
+const SHORT_WAIT = 110, LONG_WAIT = 350; // ms without a change before a request is sent: quick requests (longer than between two frames of a drag), slow requests
 const RETRY = 1000; // ms before a request is repeated if the server is busy or does not answer
 const STEPS = 1000, REACH = 10; // steps of a slider; its logarithmic scale covers the first value divided and multiplied by REACH
 const SHOWN = 6; // number of sliders shown; the others are under "More parameters"
@@ -349,9 +349,7 @@ function takeEnvelope(answer, outdated) {
 }
 
 function takeVerdict(answer, outdated) {
-  if (answer.error || outdated) return;
-  verdict = answer;
-  showVerdict(answer);
+  if (!answer.error && !outdated) showVerdict((verdict = answer));
 }
 
 function takeStops(answer) {
@@ -835,10 +833,7 @@ function drawAll() {
 
 function listen() {
   const map = $("gain-map");
-  map.addEventListener("pointerdown", (event) => {
-    map.setPointerCapture(event.pointerId);
-    dragTo(event);
-  });
+  map.addEventListener("pointerdown", (event) => map.setPointerCapture(event.pointerId) ?? dragTo(event));
   map.addEventListener("pointermove", (event) => map.hasPointerCapture(event.pointerId) && dragTo(event));
   map.addEventListener("lostpointercapture", recordUndo);
   map.addEventListener("keydown", moveBy);
