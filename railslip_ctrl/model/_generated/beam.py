@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "7f7245c0a73e0b24e29aea6839db33af5d9892ede94d5d3a68d6119a40160cd3"
+SOURCES_SHA256 = "24fb4fc2472259a1be9518de8a98fbae1c58b26cebab4d6992a657c4007f76b3"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

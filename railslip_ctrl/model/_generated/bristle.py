@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b0628216fb9bb4a4a805e0e91c13bc356172e2a60c7b28097aa801406158f1e4"
+SOURCES_SHA256 = "a64265b25af8d118590a36db65e2936e02c3d60a45951d0190ada43f95ca4f56"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "8e0cb6b546a13fdfd9788eea0be1dc0dd90fca783febbc80ce0546170b08fdaf"
+SOURCES_SHA256 = "cc1dc986bdf383da93455beba08234c233b134b3306ea5228e9bec4adc5eed68"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

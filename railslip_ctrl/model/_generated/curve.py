@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "edda8c2e95a165eb9f08cd349d5f1aebc3a9ca6523244325ffa9f180dfab3c83"
+SOURCES_SHA256 = "383e229c4108b9ca5b19f4972807ce785e2f6b3f3e0b1932be4d80d7cf941b7f"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

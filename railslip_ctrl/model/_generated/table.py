@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "d54e6c025d02ca15315c2b11d96fc318421f3fec8402e2fa0d9dc8c74575b5d6"
+SOURCES_SHA256 = "8451a5f2cac9ce9e818faea26aa1903f67bf75a7a67e5dc89e344fa0f2fb695c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "542f7d4699a3acf32473b49ff6d6cfdeac415ed10271d94c1154f400e7608366"
+SOURCES_SHA256 = "eefdcc11b27878516e39f65dd816efe8e2548d7366c1cc7c5c30872d240fe0ca"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
