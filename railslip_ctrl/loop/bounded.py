@@ -24,7 +24,7 @@ from .margins import Margins, Peaks, by_distance, heights, responses, smallest_o
 ROUNDING = 1e-12  # bound on the rounding of ln L, many times the largest observed
 _ONE = 1e-9  # if |ln|L|| is below this over a whole interval, |L| counts as 1 there and has no crossover
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
-_PEAK = 1e-6  # largest relative excess of a peak over the reported one, where two peaks are nearly equal
+_PEAK = 1e-6  # of nearly equal peaks the reported one may be lower than the highest by this, relatively
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
 _PARTS = 4  # parts of a divided interval: more parts need more frequencies, fewer parts need more passes
 _ENDS = np.array([0.0, np.inf])
@@ -73,7 +73,7 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _first_phase(self, omega: Floats) -> Floats:
-        """arg L at frequencies below every feature, continuous from 0 on."""
+        """arg L at frequencies below every feature, continuous from frequency 0 on."""
 
     @abstractmethod
     def _added_delay(self) -> tuple[float, float]:
@@ -127,7 +127,7 @@ class BoundedLoop(Loop):
         crossovers, limits = self.gain_crossovers, self._gain_limits(nodes, response)
         up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
         down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
-        signed = np.angle(-self.response(crossovers), deg=True)  # of -L: 0 at the critical point
+        signed = np.angle(-self.response(crossovers), deg=True)  # phase of -L: 0 at the critical point
         ms, mt, (disk, disk_frequency) = self._peaks(nodes, response, slope)
         return Margins(
             *up,
@@ -189,7 +189,7 @@ class BoundedLoop(Loop):
         return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
 
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
-        """Pairs of a loop-gain factor that puts a pole on the stability boundary, and its frequency, ascending."""
+        """Loop-gain factors that put a pole on the stability boundary, each with the frequency of the pole, rad/s."""
         sideways = np.where(response.real < 0, response.imag, np.nan)
         crossovers = self._roots(nodes, sideways, lambda value: value.imag)
         limits = list(zip((1 / np.abs(self.response(crossovers))).tolist(), crossovers.tolist(), strict=True))
