@@ -289,7 +289,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
 def _undecided(
     loops: Loops, points: Points, bent: Floats, left: Indices, test: Callable[[Points, Points, Floats, Spans], Indices]
 ) -> Flags:
-    """True for each loop with a piece that stays undecided after `_MOST_ROUNDS` rounds of division.
+    """True for each loop with a piece of the axis that stays undecided after `_MOST_ROUNDS` rounds of division.
 
     - left: pieces that are undecided at the start.
     - test: function that returns the pieces that remain undecided. Its arguments are the points, the points numbered by
@@ -483,7 +483,7 @@ class Points:
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
-    """Lowest and highest node of each loop, rad/s, and True where the scalar engine must compute it; each (n,)."""
+    """Lowest and highest node, rad/s, and True if the scalar engine must compute the loop; each (n,)."""
     real, imag, sign, gain = loops.real, loops.imag, loops.sign, loops.gain
     sizes = np.hypot(real, imag)
     finite = sizes > 0
@@ -507,7 +507,7 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
 
 
 def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
-    """Points from `low` to `high` that resolve every feature of each loop."""
+    """Points from `low` to `high`, rad/s, dense enough to resolve every pole and zero of each loop."""
     begin, end = low * _FAR, high / _FAR
     parts = [
         _spaced(*ends)

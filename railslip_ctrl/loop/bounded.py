@@ -65,7 +65,7 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _edges(self) -> Floats:
-        """Frequencies of the first division of the axis, ascending, from below every feature to where L is small."""
+        """Frequencies, rad/s, of the first division, ascending, from below every feature to where |L| is small."""
 
     @abstractmethod
     def _expand(self, omega: Floats) -> Expansion:
@@ -179,12 +179,12 @@ class BoundedLoop(Loop):
         return np.asarray(np.sort(np.concatenate(nodes)))
 
     def _at_ends(self) -> Floats:
-        """|S|, |T| and |S - 1/2| at the frequencies `_ENDS`, (3, 1 or 2); |L| = 1e100 stands for an integrator."""
+        """|S|, |T|, |S - 1/2| at frequency 0 and, if the axis has no end, at infinity; |L| is limited to 1e100."""
         values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
         return heights(values)
 
     def _roots(self, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
-        """Refined zeros of a real function of L between nodes at which `values` change sign."""
+        """Refined frequencies, rad/s, of the sign changes of a real function of L with `values` at the `nodes`."""
         at = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
         return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
 

@@ -442,7 +442,7 @@ class _Sum:
         return _Part(value, value + rates * offset, rates)
 
     def total(self, omega: arb) -> arb:
-        """Bound on |sum| s^removed at a frequency: the sum of the sizes of all terms."""
+        """Bound on the magnitude at a frequency, before division by s^removed: the magnitudes of all terms added."""
         return sum(
             (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
         )

@@ -188,7 +188,7 @@ class ExactLoop:
         return bool(next(c for c in gap.coeffs() if c != 0) > 0)
 
     def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
-        """All omega > 0 of a kind, rad/s, ascending, as balls of relative width 2^-bits, with multiplicities."""
+        """All omega > 0 of a `kind` (`GAIN` ...), rad/s, ascending: balls of relative width 2^-bits, multiplicities."""
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):
                 self._found[kind, bits] = positive_square_roots(self._polynomials[kind])

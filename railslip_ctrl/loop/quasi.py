@@ -328,7 +328,7 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def _band(self) -> tuple[float, float]:
-        """Frequencies, rad/s, below all features and above which |L| is certainly small."""
+        """Lowest frequency, below all features, and highest one, from which on |L| is certainly small; rad/s."""
         num, den = self.ratio.numerator.bare, self.ratio.denominator.bare
         lead, order = abs(den.terms[0][0]), den.degree
         # begin where the highest power of D exceeds each of the other terms, then raise `top` until |L| is small

@@ -263,7 +263,7 @@ class Equations:
 
 
 class Marcher:
-    """Time stepping of the loop piece by piece; values at Chebyshev points represent each signal on a piece."""
+    """Time stepping of the loop over short intervals (pieces); values at Chebyshev points represent each signal."""
 
     def __init__(self, equations: Equations, dead_time: float, steps: Floats) -> None:
         scaled, self._scale, rate = equations.balanced()

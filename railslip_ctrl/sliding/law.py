@@ -56,7 +56,7 @@ def gain_parameters(gains: LawGains) -> dict[str, float]:
     for i, (low, high) in enumerate(gains.box or (), 1):
         if not low < high:
             raise InputError(
-                f"box: {low:g} .. {high:g} of theta{i}_hat is not allowed; give a lower bound below the upper"
+                f"box: bounds {low:g} .. {high:g} of theta{i}_hat are not allowed; give a lower bound below the upper"
             )
         values |= {f"theta{i}_min": low, f"theta{i}_max": high}
     return values

@@ -124,7 +124,8 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
     weakest, row = force.least - noise, np.searchsorted(force.speeds * (1.0 + _ROUNDING), speeds)
     if np.any(row == force.speeds.size):
         raise InputError(
-            f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g} m/s, the highest speed of the force's bounds"
+            f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g} m/s, the highest speed of the "
+            "force's bounds; give a lower speed"
         )
     friction = vehicle.effective_viscous_friction * speeds / r  # upper bound of B omega
     falling = (force.most[row] + noise + vehicle.resistance.force(speeds)) / M

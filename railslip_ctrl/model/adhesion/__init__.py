@@ -287,7 +287,7 @@ def _python_law(path: Path) -> AdhesionLaw:
     law = record_in(path, "LAW", ("statement", "parameters"))
     if not isinstance(law, AdhesionLaw):
         raise InputError(
-            f"{file_name(path)}: LAW is a {type(law).__name__}, not an adhesion law with its parameters; assign a "
-            "record of a subclass of AdhesionLaw, LAW = MyLaw(...)"
+            f"{file_name(path)}: LAW is a {type(law).__name__}, not an adhesion law with parameters; assign an "
+            "instance of a subclass of AdhesionLaw, for example LAW = MyLaw(...)"
         )
     return law.model_copy(update={"file": file_name(path)})
