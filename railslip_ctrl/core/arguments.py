@@ -91,7 +91,7 @@ def number(
 
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""Smallest and largest magnitude of an input number: no vehicle needs others, and doubles represent them easily."""
+"""Smallest and largest magnitude of an input number: no vehicle needs others, and doubles have a far wider range."""
 
 
 def sized(name: str, value: float) -> float:

@@ -33,7 +33,7 @@ def processes(count: int) -> Iterator[Submit]:
     """Start a pool of at most `count` processes, each when it gets work; yield the function that submits work to it.
 
     Only this process receives interruptions. The others end when this process ends, or when an exception leaves the
-    `with` block. InputError in a script that calls this function when it is imported: each process imports it again.
+    `with` block. InputError if a script makes this call at its import: each process imports the script again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import current_process, get_context

@@ -82,7 +82,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """Make a record of class `model` from `values`, a mapping of its keys or a record; InputError with `one_line`."""
+    """Make a record of class `model` from `values`, a mapping or a record; InputError with the text of `one_line`."""
     try:
         # not model_validate: its errors begin with the name of the class, not with `where`
         return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]

@@ -125,7 +125,7 @@ def batch_margins(
     - gain: array (n,); ratio of the leading coefficients.
     - dead_time: array (n,); s, >= 0.
     - gain_margins, peaks: if `gain_margins` is false, the gain margins and their frequencies are NaN; if `peaks` is
-      false, `ms`, `mt`, `disk` and their frequencies are NaN. Without either of them the time is halved.
+      false, `ms`, `mt`, `disk` and their frequencies are NaN. Leaving one of them out halves the time.
 
     InputError: inconsistent shapes, a loop that is not strictly proper, a number that is not finite, a negative dead
     time, or complex roots without their conjugates.

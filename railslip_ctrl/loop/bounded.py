@@ -24,7 +24,7 @@ from .margins import Margins, Peaks, by_distance, heights, responses, smallest_o
 ROUNDING = 1e-12  # bound on the rounding of ln L, many times the largest observed
 _ONE = 1e-9  # if |ln|L|| is below this over a whole interval, |L| counts as 1 there and has no crossover
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
-_PEAK = 1e-6  # of nearly equal peaks the reported one may be lower than the highest by this, relatively
+_PEAK = 1e-6  # among nearly equal peaks the reported one may be below the highest by this, relatively
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
 _PARTS = 4  # parts of a divided interval: more parts need more frequencies, fewer parts need more passes
 _ENDS = np.array([0.0, np.inf])
@@ -179,7 +179,7 @@ class BoundedLoop(Loop):
         return np.asarray(np.sort(np.concatenate(nodes)))
 
     def _at_ends(self) -> Floats:
-        """|S|, |T|, |S - 1/2| at frequency 0 and, if the axis has no end, at infinity; |L| is limited to 1e100."""
+        """|S|, |T|, |S - 1/2| at frequency 0 and, if `_to_infinity`, at infinity; |L| is limited to 1e100."""
         values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
         return heights(values)
 

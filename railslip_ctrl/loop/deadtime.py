@@ -296,7 +296,7 @@ class DeadTimeLoop(Loop):
         return DeadTimeLoop(Rational.from_control(other, "factor") * self.system, self.dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
-        """The loop with `extra` s of added dead time; InputError if the dead time is then not finite or negative."""
+        """The loop with `extra` s of added dead time; InputError if the dead time is then negative or not finite."""
         return DeadTimeLoop(self.system, self.dead_time + number("extra dead time", extra, "s"))
 
     def pade(self, order: int) -> DeadTimeLoop:

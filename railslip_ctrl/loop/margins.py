@@ -27,7 +27,7 @@ _FARTHEST = 1e150  # rad/s; beyond it, and below its inverse, the limits at infi
 # Largest frequency intervals on which bounds are tried: ratio of the ends, and phase of the dead time, rad. On larger
 # intervals they mostly fail. These values and `_AROUND_PEAK` need the fewest evaluations for wheel-slip loops.
 _WIDEST, _MOST_TURNED = 1.8, 1.5
-# Tests for convexity about a peak: first half width in ln omega, factor from one to the next, and most tests
+# Tests for convexity about a peak: first half width in ln omega, factor from one to the next, largest number of tests
 _AROUND_PEAK, _NARROWER, _MOST_NARROWED = 0.06, 0.4, 12
 _OUTWARD = 4.0  # an interval that reaches to infinity is divided at this multiple of its lower end
 _A_CHAIN = 10**9  # stands for the infinitely many unstable poles of a neutral loop beyond its limit

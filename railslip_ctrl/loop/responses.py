@@ -51,7 +51,7 @@ class TimeResponse:
     - control: u, the controller's command, before the dead time.
     - plant_input: q, the input of the plant: the command after dead time and actuator, plus the disturbance.
     - error: e = reference - (output + noise), the input of the controller.
-    - control_rate: du/dt, per s, without the jumps of u. A biproper controller jumps at a reference step, at t = 0.
+    - control_rate: du/dt, per s, without the jumps of u. With a biproper controller u jumps at t = 0.
     - dead_time: s.
     - reference, disturbance, noise: heights of the steps at t = 0.
     """

@@ -1,11 +1,11 @@
 """Exact number of closed-loop poles in the right half plane, and the rightmost closed-loop poles.
 
-The closed-loop poles are the zeros of the quasi-polynomial Q(s) = D(s) + N(s) exp(-tau s), L = N exp(-tau s)/D. Along s
-= j omega the argument of Q has a closed form wherever |L| != 1. It is arg D + Arg(1 + L) for |L| < 1 and arg N - tau
-omega + Arg(1 + 1/L) for |L| > 1; both principal values are within +-90 deg. At a gain crossover the two forms differ by
-2 pi round(arg L/2 pi). The gain crossovers and the continuous phase at them therefore give the number of poles, without
-a grid or a Pade approximation. The path need not avoid open-loop poles on or near the axis, because for large |L| the
-argument contains only N. This is the direct method of [WaltonMarshall1987] applied at one dead time.
+The closed-loop poles are the zeros of the quasi-polynomial Q(s) = D(s) + N(s) exp(-tau s), L = N exp(-tau s)/D.
+Along s = j omega the argument of Q has a closed form wherever |L| != 1. It is arg D + Arg(1 + L) for |L| < 1 and
+arg N - tau omega + Arg(1 + 1/L) for |L| > 1; both principal values are within +-90 deg. At a gain crossover the two
+forms differ by 2 pi round(arg L/2 pi). The gain crossovers and the continuous phase at them therefore give the number
+of poles, without a grid or a Pade approximation. The path need not avoid open-loop poles on or near the axis, because
+for large |L| the argument contains only N. This is the direct method of [WaltonMarshall1987] applied at one dead time.
 
 The crossovers are algebraic numbers, isolated exactly (`crossings`). If rounding of the phase could matter, balls of
 growing precision decide. With dead time some precision always suffices: exp(-j tau omega) is transcendental there

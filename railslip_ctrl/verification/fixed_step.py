@@ -123,8 +123,8 @@ def _rows(
         last = int(np.count_nonzero(np.isfinite(rows[lost, :, layout.SPEED]))) - 1
         v, sigma = rows[lost, last, : layout.SURFACE]
         raise DomainError(
-            f"simulation: at {last * step:.3f} s and {v / KMH:.4g} km/h the wheel locks or leaves the law's domain: slip "
-            f"velocity {sigma:.4g} m/s is outside +-{min(limit, largest_slip * v):.4g} m/s; give smaller gains"
+            f"simulation: at {last * step:.3f} s and {v / KMH:.4g} km/h the wheel locks or leaves the law's domain: "
+            f"slip velocity {sigma:.4g} m/s is outside +-{min(limit, largest_slip * v):.4g} m/s; give smaller gains"
         )
     return rows.transpose(2, 1, 0), step
 
