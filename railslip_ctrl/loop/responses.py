@@ -171,7 +171,7 @@ def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
 def given_times(time: ArrayLike | None, final_time: float | None) -> Floats:
     """Times of a response, s, from the list of times or the final time."""
     if (time is None) == (final_time is None):
-        raise InputError("time, final_time: both or neither is given; give one of them")
+        raise InputError("time, final_time: both or neither is given; give either the times or the final time")
     if time is None:
         return np.linspace(0.0, number("final time", final_time or 0.0, "s", gt=0), _DEFAULT_POINTS)
     times = np.atleast_1d(reals("time", time))
