@@ -256,7 +256,7 @@ def _array(value: Any) -> Any:
 
 
 def _member_of(kind: type[Enum], value: object) -> Enum:
-    """Member of an enumeration that has a value; otherwise _Refused."""
+    """Member of the enumeration `kind` with this value; _Refused if none has it."""
     try:
         return kind(value)
     except ValueError:

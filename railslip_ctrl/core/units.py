@@ -78,7 +78,7 @@ def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool =
     """Return `value` as a finite number in `unit`, in Pint's spelling: "kg", "N*m/(m/s)", "1" for a pure number.
 
     - value: a number in `unit`; or text with a number and a unit of the same dimension (names, products, quotients,
-      parentheses, powers of 1 to 4). Unless `text_needs_unit` is True, the text may leave out the unit.
+      parentheses, powers of 1 to 4). If `text_needs_unit` is False, the text may leave out the unit.
     - name: beginning of the error message.
 
     InputError: not a finite number, or another dimension.
@@ -186,7 +186,7 @@ def _not_a_unit(given: str, unit: str, of: str) -> InputError:
 
 
 def _readings(words: list[str], unit: str) -> Iterator[str]:
-    """Yield possible meanings of a unit, in Pint's names: by `TRADE_UNITS`, by Pint, by `TRADE_UNITS` in any case."""
+    """Yield readings of a unit in Pint's names: from `TRADE_UNITS`, as given, from `TRADE_UNITS` in any case."""
     if unit == "rad/s" and "".join(words).lower() in _TURNS_PER_MINUTE:
         yield "rpm"
     for known in (TRADE_UNITS, {}, _ANY_CASE):
@@ -195,7 +195,7 @@ def _readings(words: list[str], unit: str) -> Iterator[str]:
 
 
 def _unit_words(given: str) -> list[str] | None:
-    """Split the unit `given` into words for Pint, with a product for a space; None if it contains other text."""
+    """Split the unit `given` into words for Pint, with "*" for a space between units; None for other text."""
     words: list[str] = []
     previous, position = "", 0
     given = unicodedata.normalize("NFKC", given).translate(_MINUS)  # superscripts to digits, no-break spaces to spaces

@@ -228,7 +228,7 @@ def _solve(
 
 
 def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Floats, Indices]:
-    """Smallest of the `values` that belong to each of n rows, and its index; `default` and -1 if a row has none."""
+    """Smallest value of each of n loops, and its index; `default` and -1 if none; `rows`: loop of each value."""
     order = np.lexsort((values, rows))
     present, position = np.unique(rows[order], return_index=True)
     smallest, number = np.full(n, default), np.full(n, -1)
@@ -238,7 +238,7 @@ def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Flo
 
 
 def _where(omega: Floats, number: Indices) -> Floats:
-    """Frequencies omega[number], NaN for number -1."""
+    """Frequencies `omega` with the indices `number`; NaN for index -1."""
     return np.append(omega, np.nan)[number]
 
 

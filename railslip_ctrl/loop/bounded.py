@@ -69,7 +69,7 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _expand(self, omega: Floats) -> Expansion:
-        """Expand ln L about frequencies, (n,)."""
+        """Expand ln L to first order about the frequencies `omega`, rad/s, (n,)."""
 
     @abstractmethod
     def _first_phase(self, omega: Floats) -> Floats:
@@ -102,7 +102,7 @@ class BoundedLoop(Loop):
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Interval of loop-gain factors with a stable loop, or None.
+        """Interval of loop-gain factors that make the loop stable; None if no factor does.
 
         It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
         """

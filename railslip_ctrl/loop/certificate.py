@@ -570,7 +570,7 @@ class _Delayed:
         (n, n_rate), (d, d_rate), (f, f_rate) = num.square, den.square, both.square
 
         def sign(value: arb, rate: arb) -> int:
-            """Sign of a function over the whole part from its value at the middle; 0 if undecided."""
+            """Sign of a function on the whole part, from its value at the middle and its `rate`; 0 if undecided."""
             moved = half * abs(rate)
             return 1 if value > moved else -1 if value < -moved else 0
 
@@ -599,7 +599,7 @@ class _Delayed:
 
     @cached_property
     def _direction(self) -> _Sum:
-        """D divided by its zeros at s = 0."""
+        """D without its zeros at s = 0."""
         terms = [
             (nearest_double(tau), [nearest_double(c) for c in reversed(one.coeffs())] or [0.0])
             for tau, one in self._den.derivatives[0]

@@ -417,7 +417,7 @@ class Response:
 
     @cached_property
     def _at_zero(self) -> float:
-        """Constant part of the phase, rad: signs of the gain and of the roots in the right half plane."""
+        """Constant part of the phase, rad, due to a negative gain and to roots in the right half plane."""
         zeros, poles = ([root.real > 0 for root in roots].count(True) for roots in self._listed_roots)
         return math.pi * (float(self.system.gain < 0) + zeros - poles)
 

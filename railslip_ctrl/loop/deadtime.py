@@ -78,7 +78,7 @@ class Loop(ABC):
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:
-        """Connect in series with a SISO system without dead time (both continuous or both sampled), or change gain."""
+        """Connect in series with a SISO system without dead time, continuous or sampled as the loop; or multiply the gain."""
 
     def __rmul__(self, other: Any) -> Self:
         return self.__mul__(other)
@@ -128,7 +128,7 @@ class Loop(ABC):
         return self._record / (1 - self._operand(other) * self._record * sign)
 
     def _operand(self, other: Any) -> Any:
-        """The other operand: frequency-response data at this loop's frequencies if it is a loop."""
+        """The other operand; a loop is replaced by its frequency-response data at this loop's frequencies."""
         return other.frequency_response(self._record.omega) if isinstance(other, Loop) else other
 
     @cached_property
@@ -150,7 +150,7 @@ class Loop(ABC):
         `loop.response(omega)` gives the plain numbers.
 
         - omega: 1-D, rad/s, finite; the default covers every feature of the loop and contains its gain crossovers. With
-          at least two, ascending, the data can be interpolated.
+          at least two ascending frequencies the data can be interpolated.
         - squeeze: as in `control.frequency_response`.
         """
         if omega is None:
@@ -414,7 +414,7 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Interval of loop-gain factors with a stable loop, or None.
+        """Interval of loop-gain factors that make the loop stable; None if no factor does.
 
         It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio. A lower end of 0
         means that every smaller gain is stable too; the upper end may be inf.

@@ -128,7 +128,7 @@ def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLi
 
 
 def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
-    """Gain limit at which poles arrive from infinity, or None: a neutral loop's chain, or a pole if L(inf) = -1/k."""
+    """Gain limit with poles that come from infinity (chain of a neutral loop, or L(inf) = -1/k), or None."""
     through = response.system.feedthrough
     if through == 0 or (response.dead_time == 0 and through > 0):
         return None
@@ -178,7 +178,7 @@ def compute_margins(
 
 
 def smallest_at(rest: list[float], crossovers: list[float]) -> set[int]:
-    """Indices of the gain crossovers with the phase margin and the delay margin; see `compute_margins`."""
+    """Indices of the gain crossovers with the smallest phase and delay margin; arguments as in `compute_margins`."""
     sizes = ([abs(one) for one in rest], _added_dead_times(rest, crossovers))
     return {one.index(min(one)) for one in sizes if one}
 
@@ -215,7 +215,7 @@ Peaks = list[tuple[float, float]]  #: peaks of |S|, |T| and |S - 1/2|: height an
 
 
 def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Peaks:
-    """Suprema of |S|, |T| and |S - 1/2| over omega >= 0; the search begins at the highest of `starts`, rad/s."""
+    """Suprema of |S|, |T| and |S - 1/2| over omega >= 0; the search begins where they are largest among `starts`."""
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best

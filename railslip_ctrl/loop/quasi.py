@@ -79,7 +79,7 @@ class QuasiPolynomial:
 
     @cached_property
     def _alone(self) -> QuasiPolynomials:
-        """The quasi-polynomial as an array of one."""
+        """This quasi-polynomial as `QuasiPolynomials` with n = 1."""
         delays = tuple(np.array([delay]) for delay in self.delays)
         return QuasiPolynomials(tuple(c[None] for c in self.terms), delays, self.removed)
 
@@ -154,7 +154,7 @@ class QuasiPolynomial:
 
 
 def _polynomial(coefficients: Floats, x: Any) -> Any:
-    """Value at x of a polynomial in descending powers, in half the time of NumPy's."""
+    """Value at x of a polynomial with coefficients in descending powers; NumPy's function takes twice as long."""
     value = coefficients[0] * np.ones_like(x)
     for one in coefficients[1:].tolist():
         value = value * x + one

@@ -603,6 +603,6 @@ def pade(dead_time: float, order: int) -> Rational:
 
 @lru_cache
 def _poles(n: int) -> Complexes:
-    """Poles of the approximation of order n for a dead time of 1 s."""
+    """Poles of the Pade approximation of order n for a dead time of 1 s."""
     coefficients = [fmpq(math.factorial(2 * n - k), math.factorial(k) * math.factorial(n - k)) for k in range(n + 1)]
     return rounded_roots(fmpq_poly(coefficients))

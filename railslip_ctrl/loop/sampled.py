@@ -456,7 +456,7 @@ class BoxedResponse:
         return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:
-        """Bound on the deviation of G from linear about `fraction` within `half`, by components, (n, order)."""
+        """Bound on the deviation of each component of G from linear within `half` of `fraction`, (n, order)."""
         from scipy.linalg import expm
 
         a, b = self._held.a, self._held.b
@@ -471,7 +471,7 @@ class BoxedResponse:
         return np.asarray(np.maximum(after, before)[:, :, 0])
 
     def expand(self, theta: Floats, fraction: Floats) -> BoxedExpansion:
-        """Expand about points: theta, rad per period, and the fraction, (n,) each."""
+        """Expand ln(L z^turns) about the points (theta, fraction), rad per period and ratio, (n,) each."""
         held, n, beyond = self._held, self._held.c.size, np.expm1(1j * theta)
         fractions, at = np.unique(fraction, return_inverse=True)
         reached = self._reached(1 - fractions)[at]
@@ -613,7 +613,7 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
 def _next_turns(
     expansion: BoxedExpansion, boxes: Boxes, rest: Floats, across: Floats, alive: Flags
 ) -> tuple[Boxes, Step, Flags]:
-    """First turns, from the present ones on, at which each box may contain a root, and the interval Newton step."""
+    """Least number of turns, from the present one up, with which a box may contain a root; and its Newton step."""
     size, phase = expansion.value.real, expansion.value.imag - math.pi
     rise, drift, turns = expansion.slope.real, expansion.drift, boxes.turns
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -653,7 +653,7 @@ def _next_turns(
 
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
-    """The part of each box within the error of its Newton step; it counts for the present turns only."""
+    """The part of each box within the error of its Newton step; it is valid for the present number of turns only."""
 
     def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:
         low, high = np.clip(to - room, -half, half), np.clip(to + room, -half, half)

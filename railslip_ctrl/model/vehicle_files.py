@@ -294,7 +294,7 @@ def _refuse_bombs(text: str, where: str, loader: Any) -> None:
 
 
 def _vehicles(content: Any, where: str) -> list[dict[Any, Any]]:
-    """The list of vehicles of a railtoolkit file; InputError without one."""
+    """The list of vehicles of a railtoolkit file; InputError if it has none."""
     vehicles = content.get("vehicles") if isinstance(content, dict) else None
     if not isinstance(vehicles, list) or not vehicles or not all(isinstance(one, dict) for one in vehicles):
         raise InputError(f"{where}: vehicles: missing or not a list of vehicles; give a railtoolkit rolling-stock file")

@@ -142,7 +142,7 @@ def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: fl
 
 
 def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
-    """Simulate the relay without adaptation at frozen speed; None without limit cycle, or if K is below the load."""
+    """Simulate the relay without adaptation at frozen speed; None without limit cycle, or if K < `SurfaceLoop.load`."""
     if not (0.0 < loop.largest_relay_gain < math.inf and loop.load < loop.gains.K):
         return None
     still = loop.with_gains(k1=0.0, k2=0.0)
@@ -204,8 +204,8 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
     """Decide the conditions of the published law with actuator; return them, and the findings for the conclusion.
 
     K in N*m, D in N*m/(m/s), the other gains as printed. The operating points have the bristle model's published
-    reference slip and 100 km/h. The finding `as_published` is the largest stable k without relay over the printed k, in
-    the as-published reading, by adhesion law and rail; empty if the vehicle is not the published one.
+    reference slip and 100 km/h. The finding `as_published` is the largest stable k without relay divided by the printed
+    k, in the as-published reading, by adhesion law and rail; empty if the vehicle is not the published one.
     """
     effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))

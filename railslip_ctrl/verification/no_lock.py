@@ -98,7 +98,7 @@ def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Float
 
 
 def released_run(run: Run, *, above: float) -> ReleasedRun:
-    """Check the samples of a recorded run, `EVERY` seconds apart, at speeds `above` a bound, m/s.
+    """Check every `EVERY` s of a recorded run, at speeds > `above`, m/s, whether a released wheel cannot lock.
 
     The check uses the rail at the start of the run and the vehicle's actuator. InputError for an adhesion law with a
     state, or without interval enclosure.

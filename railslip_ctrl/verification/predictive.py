@@ -373,7 +373,7 @@ def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dic
 
 
 def released(case: Case) -> Condition:
-    """Decide whether a wheel certainly does not lock if it is released from the reference slip and holding torque."""
+    """Decide whether a wheel cannot lock after its brake is released at the reference slip and the holding torque."""
     speeds, rows = PredictiveBox().speed_kmh, []
     heavy = {"wheel_load": load_ratio(case.vehicle) * case.vehicle.wheel_load, "mass": case.vehicle.mass_loaded}
     for laden in (case.vehicle, case.vehicle.model_copy(update=heavy)):
@@ -411,7 +411,7 @@ _STEPS = 7  # steps of the bisection, which resolve 1 % of the range
 
 
 class _Quantity(NamedTuple):
-    """A quantity whose tolerance is searched: field of `PredictiveBox`, far end of the search, and unit."""
+    """Quantity whose tolerance is searched: field of `PredictiveBox`, farthest value tried, and unit."""
 
     field: str
     most: float
@@ -465,7 +465,7 @@ def tolerances(case: Case) -> tuple[Tolerance, ...]:
 def verify_predictive(
     vehicle: Vehicle, adhesion: RailAdhesion, *, K: float | None = None, seed: int = 0
 ) -> Verification:
-    """Decide the conditions of the predictive law for a static adhesion law; for `bristle` take its static curve.
+    """Decide the conditions of the predictive law for a static adhesion law; its static curve replaces `bristle`.
 
     K: switching gain, N*m/s; by default that of `Predictive.for_vehicle`. InputError for another law with a state, or
     without interval enclosure.

@@ -357,7 +357,7 @@ def approach(
 
 
 def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
-    """Search the largest s s'/|s| for s -> 0 at corners and random points of the box, then by L-BFGS-B from the best.
+    """Search for the largest s s'/|s| as s -> 0 at corners and random points of the box, then by L-BFGS-B.
 
     The resistance is that of the vehicle at the speed; the box limits the command. `known_mass=True` takes theta_hat1 =
     theta1 at each point instead of the box's range.

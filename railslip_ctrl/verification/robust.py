@@ -237,7 +237,7 @@ def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, f
 
 
 def farthest_theta(vehicle: Vehicle) -> Floats:
-    """Return theta at the loaded mass and with B = `LOWEST_FRICTION`, relative to the vehicle."""
+    """Return theta at the loaded mass and with B = `LOWEST_FRICTION`; the nominal values are the vehicle's."""
     far = reaching.with_friction(vehicle, LOWEST_FRICTION).model_copy(update={"mass": vehicle.mass_loaded})
     return reaching.true_theta(far, vehicle)
 
@@ -295,7 +295,7 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
 
 
 def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool) -> Condition:
-    """Decide s s' < 0 of the plant by search; `limited=True` limits the torque to 0 .. full brake torque."""
+    """Decide by search whether s s' < 0 for the plant; `limited=True` limits the torque to 0 .. full brake torque."""
     box = robust_set(vehicle)
     if limited:
         box = replace(box, torque_limits=(0.0, full_brake_torque(vehicle)))
@@ -306,7 +306,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool)
 
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide (40) for a Ta_hat of the wrong rail: dry instead of wet, or wet instead of dry."""
+    """Decide (40) if Ta_hat is computed for the wrong rail: dry instead of wet, or wet instead of dry."""
     box = robust_set(vehicle)
     on_wet, on_dry = (reaching.vanishing_slip_torque(vehicle, rail) for rail in (Rail.WET, Rail.DRY))
     wet = on_wet / on_dry

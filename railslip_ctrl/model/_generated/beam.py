@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "24fb4fc2472259a1be9518de8a98fbae1c58b26cebab4d6992a657c4007f76b3"
+SOURCES_SHA256 = "18eae9362d7977f291e35c2237b3d1a77c0bcf9a79d73c02933cb4f90f615215"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "a64265b25af8d118590a36db65e2936e02c3d60a45951d0190ada43f95ca4f56"
+SOURCES_SHA256 = "b4e2d3619c7b42e4c931a692f69bd7074c4747a616683b175840d5d25da61cc2"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "cc1dc986bdf383da93455beba08234c233b134b3306ea5228e9bec4adc5eed68"
+SOURCES_SHA256 = "038fb4efd4f07fdcd1515f415857556549c2e12ba0181f6b697cb07dfdc3070d"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "383e229c4108b9ca5b19f4972807ce785e2f6b3f3e0b1932be4d80d7cf941b7f"
+SOURCES_SHA256 = "21a69d70acaa2a97956534bc0c00f3cc7e0312339d73c92818fa647e2e1e946c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

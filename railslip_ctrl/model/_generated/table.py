@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "8451a5f2cac9ce9e818faea26aa1903f67bf75a7a67e5dc89e344fa0f2fb695c"
+SOURCES_SHA256 = "e6b2c271bbb5bdae662d30a470dd99dd0a321572588a699f35d475ab01ae9e78"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "eefdcc11b27878516e39f65dd816efe8e2548d7366c1cc7c5c30872d240fe0ca"
+SOURCES_SHA256 = "a5cfbc8d272d1a4a17286c8dbaffb9203dbc42c002f96ddeaafde8aa07f08b2e"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -235,7 +235,7 @@ def wheel_load_in(path: str | Path) -> float | None:
 
 @checked
 def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
-    """Lowest and highest v0, km/h, for which the law in the file `path` was identified, or None. See `load_law`."""
+    """Lowest and highest v0, km/h, of the log of the law in the file `path`; None if not given. See `load_law`."""
     limits = _keys(given_path(path)).initial_speed_range
     return (limits[0], limits[1]) if limits else None
 
@@ -253,7 +253,7 @@ def _keys(path: Path) -> LawFile:
 
 
 def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
-    """Reference slips of a law; those over the initial speed are interpolated at `speed` (v0, km/h)."""
+    """Reference slips of a law; slips given as a function of v0 are interpolated at `speed`, km/h."""
     slips = keys.reference_slip
     if keys.condition is Rail.WET and "wet" in slips:  # a law for wet rail needs no slip for dry rail
         slips = {"dry": slips["wet"], **slips}

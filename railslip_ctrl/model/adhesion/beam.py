@@ -59,7 +59,7 @@ class Beam(AdhesionLaw):
         return dry.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which the friction coefficient mu_max - a sigma is 0; text of the reason."""
+        """Slip ratio at speed `v`, m/s, at which the friction coefficient mu_max - a sigma is 0; and the reason."""
         limit = self.mu_max / (self.a * v) if self.a > 0.0 else np.inf
         return float(limit), "the friction coefficient mu_max - a sigma is no longer positive"
 

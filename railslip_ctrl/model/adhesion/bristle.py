@@ -38,7 +38,7 @@ class Bristle(AdhesionLaw):
         return cls(alpha=alpha, beta=beta, gamma=gamma, reference=REFERENCE).on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which sigma = gamma and the adhesion vanishes; text of the reason."""
+        """Slip ratio at speed `v`, m/s, at which sigma = gamma and the adhesion vanishes; and the reason."""
         return self.gamma / v, "the slip velocity reaches gamma, at which the adhesion vanishes"
 
     @classmethod

@@ -48,7 +48,7 @@ class Curve(AdhesionLaw):
         return law.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio, the same for every `v`, at which lambda v0 of the ramp reaches gamma; text of the reason."""
+        """Slip ratio, the same for every `v`, at which lambda v0 of the ramp reaches gamma; and the reason."""
         return self.gamma / self.v0, "the slip velocity on the ramp reaches gamma, at which the adhesion vanishes"
 
     @classmethod
