@@ -262,6 +262,6 @@ def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
     missing = [attribute for attribute in needed if not hasattr(record, attribute)]
     if record is None or missing:
         lacking = f"has no {name}" if record is None else f"{name} has no {', '.join(missing)}"
-        wanted = f"an object with {', '.join(needed)}" if needed else "the object"
+        wanted = f"an object with {', '.join(needed)}" if needed else "an object"
         raise InputError(f"{where}: {lacking}; assign {wanted} to {name}")
     return record

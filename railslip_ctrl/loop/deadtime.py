@@ -78,7 +78,7 @@ class Loop(ABC):
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:
-        """Connect in series with a SISO system without dead time (sampled if the loop is sampled), or multiply the gain."""
+        """Connect in series with a SISO system without dead time (sampled if the loop is), or multiply the gain."""
 
     def __rmul__(self, other: Any) -> Self:
         return self.__mul__(other)

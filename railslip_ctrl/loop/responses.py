@@ -161,8 +161,8 @@ def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
     state = np.asarray(given, dtype=float)
     if state.shape != (plant_order,) or not np.isfinite(state).all():
         raise InputError(
-            f"initial plant state: shape {np.shape(given)} or a value is not allowed; give {plant_order} finite "
-            "numbers, one per state of the plant"
+            f"initial plant state: shape {np.shape(given)} or a value is not allowed; give finite values of "
+            f"shape ({plant_order},), one per state of the plant"
         )
     start[order - plant_order :] = state
     return start

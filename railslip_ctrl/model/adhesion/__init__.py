@@ -141,7 +141,7 @@ class LawFile(Record):
         for name, each in polynomials.items():
             if not (isinstance(each, list) and each):
                 raise InputError(
-                    f"{name}: {shown(each)} is not allowed; give a list: constant, coefficient of v0 (km/h), of v0^2"
+                    f"{name}: {shown(each)} is not allowed; give a list of coefficients of v0 (km/h), constant first"
                 )
             for coefficient in each:
                 to_unit(coefficient, "1", name=name, text_needs_unit=True)
