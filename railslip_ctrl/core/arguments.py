@@ -1,4 +1,4 @@
-"""Checks of the arguments of public functions: types by the annotations, and ranges of numbers.
+"""Checks of the arguments of public functions: types against the annotations, and ranges of numbers.
 
 pydantic's `validate_call` is not used, because it supports neither arrays nor NumPy's numbers, and its messages have
 several lines.
@@ -35,7 +35,7 @@ Flags = NDArray[np.bool_]
 
 
 class _Refused(Exception):
-    """A value has the wrong type; the message names the expected type with its article."""
+    """A value has the wrong type; the message names the expected type, for example "a number"."""
 
 
 def checked(function: F) -> F:
@@ -44,7 +44,7 @@ def checked(function: F) -> F:
     The value of an enumeration member is converted to the member. The function itself must check ranges, for example by
     `number`.
     """
-    plain: Any = unwrap(function)  # the function inside a cache
+    plain: Any = unwrap(function)  # the function without a cache around it
     names = plain.__code__.co_varnames[: plain.__code__.co_argcount]
 
     @wraps(function)
@@ -91,14 +91,14 @@ def number(
 
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""Smallest and largest magnitude of an input number: beyond any vehicle's, but well inside the range of doubles."""
+"""Smallest and largest magnitude of an input number: no vehicle needs others, and doubles have a far wider range."""
 
 
 def sized(name: str, value: float) -> float:
     """Return `value` if it is 0 or its magnitude is from `SMALLEST` to `LARGEST`; otherwise InputError."""
     value = number(name, value)
     if value != 0 and not SMALLEST <= abs(value) <= LARGEST:
-        raise InputError(f"{name}: {value:g} is not plausible; give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
+        raise InputError(f"{name}: {value:g} is not plausible; give 0 or a magnitude of {SMALLEST:g} to {LARGEST:g}")
     return value
 
 
@@ -180,7 +180,7 @@ def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
     if kind == ArrayLike or origin is np.ndarray:
         return ArrayLike, ()
     if origin in (Union, UnionType):
-        # in a union with an enumeration of text, str is left out, so that any other text is refused
+        # str | (enumeration of text) accepts only the texts of the enumeration: str is left out
         named = any(isinstance(member, type) and issubclass(member, StrEnum) for member in inner)
         return Union, tuple(member for member in inner if not (named and member is str))
     if getattr(origin, "_is_protocol", False) and not getattr(origin, "_is_runtime_protocol", False):
@@ -189,7 +189,7 @@ def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _converted(kind: Any, value: Any) -> Any:
-    """Convert a value to the type of an annotation, for example text to a member of an enumeration; or _Refused."""
+    """Convert a value to the type of an annotation, for example text to an enumeration member; otherwise _Refused."""
     if type(value) is kind and kind is not tuple:
         return _not_too_large(value) if kind is int else value
     origin, inner = _parts(kind)
@@ -256,7 +256,7 @@ def _array(value: Any) -> Any:
 
 
 def _member_of(kind: type[Enum], value: object) -> Enum:
-    """Member of an enumeration that has a value; otherwise _Refused."""
+    """Member of the enumeration `kind` with this value; _Refused if none has it."""
     try:
         return kind(value)
     except ValueError:

@@ -18,11 +18,11 @@ class InputError(RailslipError, ValueError):
 
 
 class DomainError(RailslipError, ValueError):
-    """A point is outside the domain of a model, for example a slip velocity >= gamma."""
+    """An argument is outside the domain of a model, for example a slip at which the adhesion law is not defined."""
 
 
 class KinkError(RailslipError, ValueError):
-    """The right-hand side has no unique derivative at the point of a linearisation."""
+    """The equations of the model have no unique derivative at the point of a linearisation."""
 
 
 class MissingParametersError(RailslipError, LookupError):

@@ -86,7 +86,7 @@ def unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Folder of a kind of files in `RAILSLIP_CACHE` or the user's cache; a temporary folder if it is not writable."""
+    """Return the cache folder `kind`, in `RAILSLIP_CACHE` or the user's cache; a temporary folder if not writable."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
@@ -102,10 +102,9 @@ def cache_folder(kind: str = "kernels") -> Path:
 
 
 def private_text(kind: str, name: str, made: str) -> str:
-    """Secret text in the file `name` of the cache folder of a `kind`, readable only by the user.
+    """Return the secret text in the file `name` of the cache folder `kind`; only the user can read the file.
 
-    The stored text is returned if it has the length of `made`. Otherwise `made` is returned, and stored if the
-    folder is writable.
+    If the file has no text as long as `made`, `made` is returned, and stored if the folder is writable.
     """
     path = cache_folder(kind) / name
     with suppress(OSError, UnicodeDecodeError):
@@ -139,7 +138,7 @@ def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool 
 
     - name: one word; beginning of the file name.
     - compute: function whose result depends only on `given` and the package's source, and is not None.
-    - given: text of all inputs of the result.
+    - given: all inputs of the computation as text.
     - fresh: if True, compute the result even if the cache has it.
     """
     result: T | None = None if fresh else look_up(name, given)

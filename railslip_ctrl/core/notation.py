@@ -42,12 +42,12 @@ def symbol(name: str) -> Any:
 
 
 def latex_names() -> dict[Any, str]:
-    """LaTeX of [Park2008] for each symbol of the plant, for the argument `symbol_names` of `sympy.latex`."""
+    """LaTeX of each symbol of the plant, as in [Park2008], for the argument `symbol_names` of `sympy.latex`."""
     return {symbol(entry.name): entry.latex for entry in NOTATION.values()}
 
 
 SOURCES = MappingProxyType({key: " ".join(text.split()) for key, text in texts(__package__, "sources.toml").items()})
-"""Full references by key."""
+"""Full bibliographic references by the key of the source, for example "Park2008"."""
 
 
 def cite(key: str, where: str = "") -> str:

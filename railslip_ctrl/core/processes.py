@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
 
-_IMPORTING = 87  # exit status of a process whose script starts processes while it is imported; otherwise unused
+_IMPORTING = 87  # exit status, used for nothing else, of a process whose script starts processes while it is imported
 
 Submit: TypeAlias = "Callable[..., Future[Any]]"  #: function that submits a function with its arguments to the pool
 
@@ -33,7 +33,7 @@ def processes(count: int) -> Iterator[Submit]:
     """Start a pool of at most `count` processes, each when it gets work; yield the function that submits work to it.
 
     Only this process receives interruptions. The others end when this process ends, or when an exception leaves the
-    `with` block. InputError if a script calls this while it is imported, because each process imports the script again.
+    `with` block. InputError if a script makes this call at its import: each process imports the script again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import current_process, get_context
@@ -85,7 +85,7 @@ def _follow() -> None:
     """End this process when its parent ends, even if the parent is killed."""
     from multiprocessing import parent_process
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for systems, such as Windows, on which it is not blocked
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for systems, such as Windows, on which SIGINT is not blocked
     parent = parent_process()
 
     def follow() -> None:

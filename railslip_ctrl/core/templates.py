@@ -30,7 +30,7 @@ def environment(package: str, **options: Any) -> Any:
 
 
 def filled(text: str, numbers: Mapping[str, Any]) -> str:
-    """Fill numbers into a template and return one line; floats are printed as :g or by the filter f(spec)."""
+    """Fill numbers into a template and return one line; floats have the format :g, or spec with the filter f(spec)."""
     return " ".join(_template(text).render(numbers).split())
 
 

@@ -1,8 +1,8 @@
 """Conversion of numbers and text with units, and rounding to the safe side.
 
 A plain number is in the unit that its option or key states. Text may have its own unit ("65 N*m/(km/h)"). Text without
-a unit is accepted on the command line and refused in records and files. Options, TOML files and log headers have the
-same grammar: first the names of `TRADE_UNITS`, then those of Pint. Pint is imported only for text with a unit.
+a unit is accepted on the command line and refused in records and files. Options, TOML files and log headers accept
+the same units: first those named in `TRADE_UNITS`, then those of Pint. Pint is imported only for text with a unit.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ Pint itself reads some names as other units: kmph as kilo-mile per hour, kNm as 
 (RPM, KM/H) are also read by this table, if Pint has no unit of the right dimension with this spelling.
 """
 
-_ANY_CASE = {name.lower(): unit for name, unit in TRADE_UNITS.items() if name != "MNm"}  # mnm: milli or mega, unclear
-# for an angular speed; U is German for a turn
+_ANY_CASE = {name.lower(): unit for name, unit in TRADE_UNITS.items() if name != "MNm"}  # mnm may be mN*m or MN*m
+# turns per minute if an angular speed is expected; U is German for a turn
 _TURNS_PER_MINUTE = frozenset(("1/min", "/min", "min**-1", "u/min", "r/min"))
 _TON = re.compile(r"k?tons?(_?f(orce)?)?", re.IGNORECASE)
 
@@ -78,7 +78,7 @@ def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool =
     """Return `value` as a finite number in `unit`, in Pint's spelling: "kg", "N*m/(m/s)", "1" for a pure number.
 
     - value: a number in `unit`; or text with a number and a unit of the same dimension (names, products, quotients,
-      parentheses, powers of 1 to 4). Unless `text_needs_unit` is True, the text may leave out the unit.
+      parentheses, powers of 1 to 4). If `text_needs_unit` is False, the text may leave out the unit.
     - name: beginning of the error message.
 
     InputError: not a finite number, or another dimension.
@@ -93,7 +93,7 @@ def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool =
 
 
 def shown(value: object) -> str:
-    """Return `value` as short text in one line, for a message: text quoted and shortened, a container as its kind."""
+    """Return `value` as a short line for a message: text quoted and shortened, containers as "a list" or "a table"."""
     if isinstance(value, str):
         return repr(value if len(value) <= _LONGEST_QUANTITY else value[:_LONGEST_QUANTITY] + "...")
     if isinstance(value, dict):
@@ -124,7 +124,7 @@ def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
 
 
 def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
-    """Text as a number in `unit`; InputError if it is not a number, or has no unit although it needs one."""
+    """Text as a number in `unit`; InputError if it is not a number, or lacks a unit and `needs_unit` is true."""
     if _NOT_FINITE.fullmatch(text):
         return float(text)
     text = text.translate(_MINUS)
@@ -186,7 +186,7 @@ def _not_a_unit(given: str, unit: str, of: str) -> InputError:
 
 
 def _readings(words: list[str], unit: str) -> Iterator[str]:
-    """Yield possible meanings of a unit, in Pint's names: by `TRADE_UNITS`, by Pint, by `TRADE_UNITS` in any case."""
+    """Yield readings of a unit in Pint's names: from `TRADE_UNITS`, as given, from `TRADE_UNITS` in any case."""
     if unit == "rad/s" and "".join(words).lower() in _TURNS_PER_MINUTE:
         yield "rpm"
     for known in (TRADE_UNITS, {}, _ANY_CASE):
@@ -195,7 +195,7 @@ def _readings(words: list[str], unit: str) -> Iterator[str]:
 
 
 def _unit_words(given: str) -> list[str] | None:
-    """Split the unit `given` into words for Pint, with a product for a space; None if it contains other text."""
+    """Split the unit `given` into words for Pint, with "*" for a space between units; None for other text."""
     words: list[str] = []
     previous, position = "", 0
     given = unicodedata.normalize("NFKC", given).translate(_MINUS)  # superscripts to digits, no-break spaces to spaces
@@ -239,7 +239,7 @@ def quantity(
 
 BOUND_DIGITS = 3  #: number of significant digits of bounds and of worst cases in texts
 _EXACT = 1e-12  # relative distance to a rounded number below which a number counts as already rounded
-_SAME = 1e-6  # relative tolerance of Ms; a tuned design meets the bound on Ms more closely than this
+_SAME = 1e-6  # relative tolerance of Ms; a tuned design exceeds its bound on Ms by less than this
 _LARGE = 100.0  # Ms above which a loop is practically unstable and three digits suffice
 
 
@@ -259,12 +259,12 @@ def rounded(value: float, digits: int) -> float:
 
 
 def ms_up(ms: float) -> str:
-    """Text of an Ms, rounded up to two decimals, or to three significant digits from 100 on."""
+    """Text of an Ms, rounded up to two decimals, or to three significant digits if at least 100."""
     return f"{math.ceil(100 * ms * (1 - _SAME)) / 100:.2f}" if ms < _LARGE else f"{rounded_up(ms):g}"
 
 
 def ms_down(bound: float) -> str:
-    """Text of a lower bound on Ms, rounded down to two decimals, or to three significant digits from 100 on."""
+    """Text of a lower bound on Ms, rounded down to two decimals, or to three significant digits if at least 100."""
     return f"{math.floor(100 * bound * (1 + _SAME)) / 100:.2f}" if bound < _LARGE else f"{rounded_down(bound):g}"
 
 

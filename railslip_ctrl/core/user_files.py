@@ -82,7 +82,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """Make a record of class `model` from `values`, a mapping of its keys or a record; InputError as in `one_line`."""
+    """Make a record of class `model` from `values`, a mapping or a record; InputError with the text of `one_line`."""
     try:
         # not model_validate: its errors begin with the name of the class, not with `where`
         return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
@@ -107,7 +107,7 @@ def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | Non
 
 
 def unknown_key(key: str, owner: type[BaseModel] | None) -> str:
-    """Return the message for an unknown key of a record; `owner` is the record, if known."""
+    """Return the message for an unknown key of a record; `owner` is the class of the record, if known."""
     if owner is None:
         return "unknown key; remove it"
     return f"unknown key; {close_match(key, owner.model_fields)}allowed: {', '.join(owner.model_fields)}"
@@ -244,7 +244,7 @@ def call_failure(error: BaseException, function: Any, name: str, arguments: str,
     frames: list[tuple[str, int | None]] = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
     if _user_frames(frames[1:]) or not isinstance(error, TypeError):  # the first frame is the call itself
         return failure(error, name + when)
-    return f"{place_of(function)}{name} cannot be called with ({arguments}): {_flat(error)}; correct it"
+    return f"{place_of(function)}{name} cannot be called with ({arguments}): {_flat(error)}; correct the function"
 
 
 def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
@@ -262,6 +262,6 @@ def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
     missing = [attribute for attribute in needed if not hasattr(record, attribute)]
     if record is None or missing:
         lacking = f"has no {name}" if record is None else f"{name} has no {', '.join(missing)}"
-        wanted = f"an object with {', '.join(needed)}" if needed else "it"
+        wanted = f"an object with {', '.join(needed)}" if needed else "an object"
         raise InputError(f"{where}: {lacking}; assign {wanted} to {name}")
     return record

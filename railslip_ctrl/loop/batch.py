@@ -35,7 +35,7 @@ DELICATE = 1e-9
 _NODES_PER_DECADE = 5  # enough: extrema that the nodes show are located exactly, bounds exclude or find the others
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
 _REACH = 1e4  # factor from the lowest and highest feature to the outermost nodes
-_FAR, _NODES_FAR_OUT = 1e3, 2  # outer factor of `_REACH` with fewer nodes per decade: L is nearly its asymptote there
+_FAR, _NODES_FAR_OUT = 1e3, 2  # in the outer factor 1e3 of `_REACH`, L is nearly its asymptote: 2 nodes per decade
 _WIDEST = 1e24  # ratio of highest to lowest node above which a loop would slow down all loops solved with it
 _EXTREME = 1e60  # rad/s; frequencies above it, or below its reciprocal, could overflow when squared
 _LEAST_DAMPING = 1e-7  # |Re|/|Im| of a complex root up to which the scalar engine computes the loop
@@ -49,7 +49,7 @@ _OF_GAIN, _OF_PEAKS = (
     tuple(f"{name}{end}" for name in names for end in ("", "_frequency"))
     for names in (("gain_increase", "gain_decrease"), ("ms", "mt", "disk"))
 )
-_PEAK_SURE = 1e-3  # largest relative excess of any peak over the reported one
+_PEAK_SURE = 1e-3  # no peak exceeds the reported one by more than this, relatively
 _PARTS, _MOST_ROUNDS = 4, 8  # parts of an undecided piece, and rounds of division before the scalar engine decides
 _PEAK_GAIN = 1e-10  # a piece is searched if its bound exceeds the highest value found by more than this, relatively
 
@@ -97,7 +97,7 @@ def stack(loops: Sequence[Rational], dead_times: ArrayLike) -> tuple[Complexes, 
     """
     shapes = {(g.zeros.size, g.poles.size) for g in loops}
     if len(shapes) > 1:
-        raise InputError(f"loops: (zeros, poles) counts {sorted(shapes)} differ; stack loops of one structure only")
+        raise InputError(f"loops: numbers of (zeros, poles) differ: {sorted(shapes)}; give loops with equal numbers")
     if np.ndim(dead_times) > 0 and np.shape(dead_times) != (len(loops),):
         raise InputError(
             f"dead times: shape {np.shape(dead_times)} for {len(loops)} loops; give one value, or one per loop"
@@ -125,7 +125,7 @@ def batch_margins(
     - gain: array (n,); ratio of the leading coefficients.
     - dead_time: array (n,); s, >= 0.
     - gain_margins, peaks: if `gain_margins` is false, the gain margins and their frequencies are NaN; if `peaks` is
-      false, `ms`, `mt`, `disk` and their frequencies are NaN. Either halves the time.
+      false, `ms`, `mt`, `disk` and their frequencies are NaN. Leaving one of them out halves the time.
 
     InputError: inconsistent shapes, a loop that is not strictly proper, a number that is not finite, a negative dead
     time, or complex roots without their conjugates.
@@ -197,7 +197,7 @@ def _solve(
     n = index.size
     at = points.changes(points.size)
     crossovers, falling = located(loops, points, at, lambda found, _: found.size), points.size[at] > 0
-    # the root count is wrong if a node lies on |L| = 1 or |L| >= 1 at the last node
+    # the root count below is wrong if a node lies on |L| = 1 or |L| >= 1 at the last node
     delicate[points.row[np.abs(points.size) < _ON_LEVEL]] = True
     first = np.flatnonzero(np.diff(points.row, prepend=-1))
     last = np.append(first[1:], points.row.size) - 1
@@ -214,7 +214,7 @@ def _solve(
         return delicate
     margins = _crossover_margins(crossovers, n)
     if any(requested):
-        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # a bound holds on the parts too
+        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # parts keep the bound
         wanted = stable[points.row]
         points, bent = points.take(wanted), bent[:, wanted]
         spans = ranges(points, bent)
@@ -228,7 +228,7 @@ def _solve(
 
 
 def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Floats, Indices]:
-    """Smallest of the `values` that belong to each of n rows, and its index; `default` and -1 if a row has none."""
+    """Smallest value of each of n loops, and its index; `default` and -1 if none; `rows`: loop of each value."""
     order = np.lexsort((values, rows))
     present, position = np.unique(rows[order], return_index=True)
     smallest, number = np.full(n, default), np.full(n, -1)
@@ -238,7 +238,7 @@ def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Flo
 
 
 def _where(omega: Floats, number: Indices) -> Floats:
-    """Frequencies omega[number], NaN for number -1."""
+    """Frequencies `omega` with the indices `number`; NaN for index -1."""
     return np.append(omega, np.nan)[number]
 
 
@@ -289,7 +289,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
 def _undecided(
     loops: Loops, points: Points, bent: Floats, left: Indices, test: Callable[[Points, Points, Floats, Spans], Indices]
 ) -> Flags:
-    """True for each loop with a piece that stays undecided after `_MOST_ROUNDS` rounds of division.
+    """True for each loop with a piece of the axis that stays undecided after `_MOST_ROUNDS` rounds of division.
 
     - left: pieces that are undecided at the start.
     - test: function that returns the pieces that remain undecided. Its arguments are the points, the points numbered by
@@ -483,7 +483,7 @@ class Points:
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
-    """Lowest and highest node of each loop, rad/s, and True where the scalar engine must compute it; each (n,)."""
+    """Lowest and highest node, rad/s, and True if the scalar engine must compute the loop; each (n,)."""
     real, imag, sign, gain = loops.real, loops.imag, loops.sign, loops.gain
     sizes = np.hypot(real, imag)
     finite = sizes > 0
@@ -507,7 +507,7 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
 
 
 def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
-    """Points from `low` to `high` that resolve every feature of each loop."""
+    """Points from `low` to `high`, rad/s, dense enough to resolve every pole and zero of each loop."""
     begin, end = low * _FAR, high / _FAR
     parts = [
         _spaced(*ends)
@@ -547,7 +547,7 @@ def located(loops: Loops, points: Points, at: Indices, function: Callable[[Point
 
 
 def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, Flags]:
-    """Points between which ln|L| and the phase are monotone as far as nodes show, their `bends`, and `delicate`.
+    """Points between which ln|L| and the phase are monotone as far as the nodes show, their `bends`, and `delicate`.
 
     `low` and `high`: rad/s, (n,). `delicate` is True for a loop if |L| nearly touches 1 or may hide a gain crossover.
     """
@@ -567,7 +567,7 @@ def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, F
             return points, bent, delicate
         middle = loops.evaluate(0.5 * (points.omega[pieces] + points.omega[pieces + 1]), points.row[pieces])
         points = points.inserted(pieces, middle)
-        bent = bent[:, _repeated(bent, pieces)]  # a bound on the whole holds on the parts
+        bent = bent[:, _repeated(bent, pieces)]  # a bound on a piece holds on its parts
         pieces = pieces + np.arange(pieces.size)
         pieces = np.sort(np.concatenate([pieces, pieces + 1]))
     delicate[points.row[pieces]] = True
@@ -620,7 +620,7 @@ def levels(points: Points) -> tuple[Floats, Floats]:
 
 
 def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
-    """Lowest and highest ln|L| and phase on each piece, each (2, N - 1); 0 between loops.
+    """Lowest and highest ln|L| and phase on each piece, each (2, N - 1); 0 from one loop to the next.
 
     On a piece of width h a function leaves the range of its end values by at most h^2/8 times the bound on its second
     derivative.
@@ -637,7 +637,7 @@ def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
 
 
 def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
-    """Upper bounds on |S|, |T| and |S - 1/2| over each piece by `margins.box_bounds`, (3, N - 1); 0 between loops."""
+    """Upper bounds on |S|, |T| and |S - 1/2| over each piece by `margins.box_bounds`, (3, N - 1)."""
     return np.where(points.row[:-1] == points.row[1:], box_bounds(spans[0], spans[1] / np.pi), 0.0)
 
 

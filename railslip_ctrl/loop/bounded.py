@@ -24,7 +24,7 @@ from .margins import Margins, Peaks, by_distance, heights, responses, smallest_o
 ROUNDING = 1e-12  # bound on the rounding of ln L, many times the largest observed
 _ONE = 1e-9  # if |ln|L|| is below this over a whole interval, |L| counts as 1 there and has no crossover
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
-_PEAK = 1e-6  # largest relative excess of a peak over the reported one, where two peaks are nearly equal
+_PEAK = 1e-6  # among nearly equal peaks the reported one may be below the highest by this, relatively
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
 _PARTS = 4  # parts of a divided interval: more parts need more frequencies, fewer parts need more passes
 _ENDS = np.array([0.0, np.inf])
@@ -65,15 +65,15 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _edges(self) -> Floats:
-        """Frequencies of the first division of the axis, ascending, from below every feature to where L is small."""
+        """Frequencies, rad/s, of the first division, ascending, from below every feature to where |L| is small."""
 
     @abstractmethod
     def _expand(self, omega: Floats) -> Expansion:
-        """Expand ln L about frequencies, (n,)."""
+        """Expand ln L to first order about the frequencies `omega`, rad/s, (n,)."""
 
     @abstractmethod
     def _first_phase(self, omega: Floats) -> Floats:
-        """arg L at frequencies below every feature, continuous from 0 on."""
+        """arg L at frequencies below every feature, continuous from frequency 0 on."""
 
     @abstractmethod
     def _added_delay(self) -> tuple[float, float]:
@@ -102,7 +102,7 @@ class BoundedLoop(Loop):
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Interval of loop-gain factors with a stable loop, or None.
+        """Interval of loop-gain factors that make the loop stable; None if no factor does.
 
         It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
         """
@@ -127,7 +127,7 @@ class BoundedLoop(Loop):
         crossovers, limits = self.gain_crossovers, self._gain_limits(nodes, response)
         up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
         down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
-        signed = np.angle(-self.response(crossovers), deg=True)  # of -L: 0 at the critical point
+        signed = np.angle(-self.response(crossovers), deg=True)  # phase of -L: 0 at the critical point
         ms, mt, (disk, disk_frequency) = self._peaks(nodes, response, slope)
         return Margins(
             *up,
@@ -179,17 +179,17 @@ class BoundedLoop(Loop):
         return np.asarray(np.sort(np.concatenate(nodes)))
 
     def _at_ends(self) -> Floats:
-        """|S|, |T| and |S - 1/2| at the frequencies `_ENDS`, (3, 1 or 2); |L| = 1e100 stands for an integrator."""
+        """|S|, |T|, |S - 1/2| at frequency 0 and, if `_to_infinity`, at infinity; |L| is limited to 1e100."""
         values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
         return heights(values)
 
     def _roots(self, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
-        """Refined zeros of a real function of L between nodes at which `values` change sign."""
+        """Refined frequencies, rad/s, of the sign changes of a real function of L with `values` at the `nodes`."""
         at = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
         return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
 
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
-        """Pairs of a loop-gain factor that puts a pole on the stability boundary, and its frequency, ascending."""
+        """Loop-gain factors that put a pole on the stability boundary, each with the frequency of the pole, rad/s."""
         sideways = np.where(response.real < 0, response.imag, np.nan)
         crossovers = self._roots(nodes, sideways, lambda value: value.imag)
         limits = list(zip((1 / np.abs(self.response(crossovers))).tolist(), crossovers.tolist(), strict=True))

@@ -31,7 +31,7 @@ WIDTH = 1e-9  #: largest relative width of an enclosure
 
 _BITS = (80, 320, 1280, 4000)  # precisions tried, in this order
 _ABOVE = 0.4 * WIDTH  # relative distance from a peak's attained value to the upper end of its enclosure
-_BESIDE = 1e-6  # largest relative distance of a peak's frequency from its value in doubles
+_BESIDE = 1e-6  # largest relative distance of a peak's frequency from the frequency found in doubles
 _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is divided first
 _MOST_PARTS = 50_000  # largest number of parts of the axis; if it is exceeded, the next precision is tried
 _FARTHEST = arb(2) ** 1000  # rad/s; largest frequency, still a double
@@ -83,8 +83,8 @@ class Certificate:
 def certify(response: Response, margins: Margins | None) -> Certificate:
     """Compute the certificate of a loop; `margins` are its margins, or None if it is unstable.
 
-    Raises CertificateError if the highest precision does not suffice. In doubles such a loop is on the stability
-    boundary.
+    Raises CertificateError if the highest precision does not suffice. In double precision the loop is then on the
+    stability boundary.
     """
     count = root_count(response, certain=True)
     crossovers = tuple(_ends(omega) for omega, _ in response.exact.frequencies(GAIN))
@@ -108,8 +108,8 @@ def certify(response: Response, margins: Margins | None) -> Certificate:
             except _TooWideError:
                 continue
     raise CertificateError(
-        f"certificate: {_BITS[-1]} bits do not enclose every margin to a relative width of {WIDTH:g}; in doubles the "
-        "loop is on the stability boundary; change the gain"
+        f"certificate: {_BITS[-1]} bits do not enclose every margin to a relative width of {WIDTH:g}; in double "
+        "precision the loop is on the stability boundary; change the gain"
     )
 
 
@@ -307,7 +307,7 @@ class _Cover:
         return _End(omega, math.nan, self._response.exact.argument(omega) / arb.pi())
 
     def _below_to_second_order(self, low: arb, high: arb) -> bool:
-        """Bound |S| and |T| in balls by value and slope in the middle and a bound on the second derivative."""
+        """True if value and slope in the middle and a bound on the second derivative prove |S| and |T| low enough."""
         if not (low > 0 and high.is_finite()):
             return False
         middle = ((low + high) / 2).mid()
@@ -335,7 +335,7 @@ class _Cover:
         )
 
     def _below_in_box(self, low: _End, high: _End) -> bool:
-        """Bound |S| and |T| by |1 + L|^2 >= 1 + m^2 - 2 m c, with m = |L| and cos(arg L) >= -c; likewise for 1/L."""
+        """True if |1 + L|^2 >= 1 + m^2 - 2 m c proves |S| and |T| low enough; m = |L|, cos(arg L) >= -c."""
         sizes = [self._size_at(one.omega) for one in (low, high)]
         c = _towards_minus_one(low.half_turns, high.half_turns)
         inverses = [arb.pos_inf() if size.is_zero() else 1 / size if size.is_finite() else arb(0) for size in sizes]
@@ -392,7 +392,7 @@ Terms = Sequence[tuple[float, Iterable[float]]]
 _FIRST_PARTS, _LOWEST = 64, 1e-6
 _APART = 1.5  # least ratio of |D + N| at the middle of a part to its change over half the part; D + N turns < 90 deg
 _MOST_DELAYED = 20_000  # parts of the axis; each takes some thousand ball operations
-_HALVINGS = 8  # bisections of a bracket beyond the bits of a double
+_HALVINGS = 8  # bisections of a bracket in addition to `DOUBLE_BITS`
 
 
 class _Sum:
@@ -442,7 +442,7 @@ class _Sum:
         return _Part(value, value + rates * offset, rates)
 
     def total(self, omega: arb) -> arb:
-        """Bound on |sum| s^removed at a frequency: the sum of the sizes of all terms."""
+        """Bound on the magnitude at a frequency, before division by s^removed: the magnitudes of all terms added."""
         return sum(
             (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
         )
@@ -466,8 +466,8 @@ def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | Non
     """Compute the certificate of L = N/D, sums of delayed polynomials with `removed` zeros divided out at s = 0.
 
     The axis is divided until mean-value bounds prove the following on each part. D + N does not vanish. |L| crosses 1
-    at most once. |S| and |T| stay below the upper ends of their enclosures. No gain factor within its margin brings L
-    to -1. `margins` of a stable loop give the start values; None for an unstable loop.
+    at most once. |S| and |T| stay below the upper ends of their enclosures. No gain factor inside the gain margins
+    brings L to -1. `margins` of a stable loop give the start values; None for an unstable loop.
     """
     for bits in _BITS:
         with ctx.workprec(bits):
@@ -570,7 +570,7 @@ class _Delayed:
         (n, n_rate), (d, d_rate), (f, f_rate) = num.square, den.square, both.square
 
         def sign(value: arb, rate: arb) -> int:
-            """Sign of a function over the whole part from its value at the middle; 0 if undecided."""
+            """Sign of a function on the whole part, from its value at the middle and its `rate`; 0 if undecided."""
             moved = half * abs(rate)
             return 1 if value > moved else -1 if value < -moved else 0
 
@@ -599,7 +599,7 @@ class _Delayed:
 
     @cached_property
     def _direction(self) -> _Sum:
-        """D divided by its zeros at s = 0."""
+        """D without its zeros at s = 0."""
         terms = [
             (nearest_double(tau), [nearest_double(c) for c in reversed(one.coeffs())] or [0.0])
             for tau, one in self._den.derivatives[0]
@@ -646,8 +646,8 @@ class _Delayed:
         if not math.isfinite(omega):
             if factor > 0:
                 raise CertificateError(
-                    f"certificate: gain_increase {factor:g} has no phase crossover; a loop with internal delays has a "
-                    "certificate only if some finite gain destabilises it"
+                    f"certificate: gain_increase is {factor:g}; a loop with internal delays has a certificate only if "
+                    "some finite gain factor destabilises it"
                 )
             return arb(0)
         if omega == 0:

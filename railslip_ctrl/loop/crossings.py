@@ -50,9 +50,9 @@ def bracketed_roots(
 ) -> Floats:
     """Roots of `function` in the brackets [low, high], to the last bits of a double.
 
-    `function` gives f(x, index), x and index of one shape: the value at x of the function of bracket number index.
-    f should have opposite signs at the ends, (n,); otherwise the end with the smaller |f| is returned. `ends` are the
-    values of f at the ends, if known. Chandrupatla's method: Advances in Engineering Software 28(3), 1997, pp. 145-149.
+    `function(x, index)` gives f at x for the brackets with the numbers `index`; x and index have one shape. f should
+    have opposite signs at the ends, (n,); otherwise the end with the smaller |f| is returned. `ends` are the values of
+    f at the ends, if known. Chandrupatla's method: Advances in Engineering Software 28(3), 1997, pp. 145-149.
     """
     if low.size == 0:
         return low
@@ -188,7 +188,7 @@ class ExactLoop:
         return bool(next(c for c in gap.coeffs() if c != 0) > 0)
 
     def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
-        """All omega > 0 of a kind, rad/s, ascending, as balls of relative width 2^-bits, with multiplicities."""
+        """All omega > 0 of a `kind` (`GAIN` ...), rad/s, ascending: balls of relative width 2^-bits, multiplicities."""
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):
                 self._found[kind, bits] = positive_square_roots(self._polynomials[kind])
@@ -328,7 +328,7 @@ def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
 SMALLEST_LISTED = 1e-2  # phase crossovers with |L| above this are listed, unless the caller gives another value
 _LISTED_ALWAYS = 20  # phase crossovers listed in any case
 _MOST_LISTED = 5_000  # phase crossovers listed on one piece
-_ROUNDING = 1e-15  # rounding of arg L/pi per root and per radian of tau omega; nearer to an odd number balls decide
+_ROUNDING = 1e-15  # rounding of arg L/pi per root and per radian of tau omega; balls decide if an odd number is nearer
 
 
 @dataclass(frozen=True)
@@ -417,7 +417,7 @@ class Response:
 
     @cached_property
     def _at_zero(self) -> float:
-        """Constant part of the phase, rad: signs of the gain and of the roots in the right half plane."""
+        """Constant part of the phase, rad, due to a negative gain and to roots in the right half plane."""
         zeros, poles = ([root.real > 0 for root in roots].count(True) for roots in self._listed_roots)
         return math.pi * (float(self.system.gain < 0) + zeros - poles)
 
@@ -444,7 +444,7 @@ class Response:
     def spread(self, low: float, middle: float, high: float) -> tuple[float, float]:
         """Bounds on the second and third derivative of ln L with respect to ln omega over a part of the axis.
 
-        From `low` 0 the derivatives are with respect to omega and leave out the roots at 0.
+        If `low` is 0, the derivatives are with respect to omega and leave out the roots at 0.
         """
         s, reach = complex(0, middle), high - middle
         bend = twist = self.dead_time * high if low else 0.0

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # Two suffice unless one resonance hides another.
 _MOST_LISTINGS = 5
 _ALL_LISTED = 1000  # unstable poles up to which every gain limit that causes them is certainly listed
-_SHARP, _MOST_SHARPENED = 1e-12, 20  # relative error above which balls refine a margin, and for how many gain limits
+_SHARP, _MOST_SHARPENED = 1e-12, 20  # relative error above which balls refine a gain limit, and most limits refined
 _NEAR_ONE = 1e-12  # distance of a gain limit from 1 that rounding of its phase crossover may cause
 
 MOST_POLES = 1000  #: closed-loop poles computed at most; a few dozen describe a loop
@@ -78,7 +78,7 @@ class Loop(ABC):
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:
-        """Connect in series with a SISO system without dead time (both continuous or both sampled), or change gain."""
+        """Connect in series with a SISO system without dead time (sampled if the loop is), or multiply the gain."""
 
     def __rmul__(self, other: Any) -> Self:
         return self.__mul__(other)
@@ -128,7 +128,7 @@ class Loop(ABC):
         return self._record / (1 - self._operand(other) * self._record * sign)
 
     def _operand(self, other: Any) -> Any:
-        """The other operand: frequency-response data at this loop's frequencies if it is a loop."""
+        """The other operand; a loop is replaced by its frequency-response data at this loop's frequencies."""
         return other.frequency_response(self._record.omega) if isinstance(other, Loop) else other
 
     @cached_property
@@ -150,7 +150,7 @@ class Loop(ABC):
         `loop.response(omega)` gives the plain numbers.
 
         - omega: 1-D, rad/s, finite; the default covers every feature of the loop and contains its gain crossovers. With
-          at least two, ascending, the data can be interpolated.
+          at least two ascending frequencies the data can be interpolated.
         - squeeze: as in `control.frequency_response`.
         """
         if omega is None:
@@ -210,7 +210,7 @@ class Loop(ABC):
         return self.root_count.right
 
     def bode_plot(self, omega: ArrayLike | None = None) -> Any:
-        """Plot magnitude and phase of L; a matplotlib figure between the ends of `omega`, rad/s (`feature_band`)."""
+        """Plot magnitude and phase of L from the first to the last `omega`, rad/s; by default over `feature_band`."""
         return self._drawn("bode", omega)
 
     def nyquist_plot(self, omega: ArrayLike | None = None) -> Any:
@@ -228,7 +228,7 @@ class Loop(ABC):
 
 
 def _system_attribute(name: str, *, delegated: bool) -> property:
-    """Attribute of python-control's systems: that of the frequency response, or an error that names a replacement."""
+    """Attribute of python-control's systems: from the frequency-response data, or an error that names a replacement."""
 
     def value(loop: Loop) -> Any:
         if not delegated:
@@ -296,7 +296,7 @@ class DeadTimeLoop(Loop):
         return DeadTimeLoop(Rational.from_control(other, "factor") * self.system, self.dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
-        """The loop with `extra` s of added dead time; InputError if it is not finite or the sum is below 0."""
+        """The loop with `extra` s of added dead time; InputError if the dead time is then negative or not finite."""
         return DeadTimeLoop(self.system, self.dead_time + number("extra dead time", extra, "s"))
 
     def pade(self, order: int) -> DeadTimeLoop:
@@ -414,10 +414,10 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Interval of loop-gain factors with a stable loop, or None.
+        """Interval of loop-gain factors that make the loop stable; None if no factor does.
 
-        It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio. A lower end 0 means
-        stable at every small gain; the upper end may be inf.
+        It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio. A lower end of 0
+        means that every smaller gain is stable too; the upper end may be inf.
         """
         interval = self._range_within(self._gain_limits)
         if interval is None or self.is_stable():
@@ -489,7 +489,7 @@ class DeadTimeLoop(Loop):
         return limits
 
     def _size_at_unstable_poles(self) -> float:
-        """Largest |L| above the slowest unstable open-loop pole; a stabilising gain must make it at least 1."""
+        """Largest |L| at frequencies above the slowest unstable open-loop pole; a stabilising gain makes it >= 1."""
         sizes = [abs(pole) for pole in self.system.poles.tolist() if pole.real > 0]
         if not sizes or self.system.gain == 0:
             return 1.0

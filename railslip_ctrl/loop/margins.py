@@ -20,19 +20,19 @@ from .stability import count_right_of
 
 _NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # Newton's method in doubles: most steps, and last relative step
 _BLUNT = 100.0  # height up to which doubles locate a peak accurately enough
-_PEAK = 1e-11  # largest relative excess of any peak over the reported one
+_PEAK = 1e-11  # no peak exceeds the reported one by more than this, relatively
 _NOTHING = 1e-100  # smallest |T| that counts as a peak; bounds have this minimum
-_NARROWEST = 1e-15  # relative width of a part that doubles cannot divide
+_NARROWEST = 1e-15  # relative width of an interval that doubles cannot divide
 _FARTHEST = 1e150  # rad/s; beyond it, and below its inverse, the limits at infinity and 0 replace L
-# Bounds are tried on parts up to this ratio of their ends and this phase of the dead time, rad; on larger ones they
-# mostly fail. These values and `_AROUND_PEAK` need the fewest evaluations for wheel-slip loops.
+# Largest frequency intervals on which bounds are tried: ratio of the ends, and phase of the dead time, rad. On larger
+# intervals they mostly fail. These values and `_AROUND_PEAK` need the fewest evaluations for wheel-slip loops.
 _WIDEST, _MOST_TURNED = 1.8, 1.5
-# Half width in ln omega on which a peak is first tested for convexity, factor to the next, and most tries
+# Tests for convexity about a peak: first half width in ln omega, factor from one to the next, largest number of tests
 _AROUND_PEAK, _NARROWER, _MOST_NARROWED = 0.06, 0.4, 12
-_OUTWARD = 4.0  # factor from the lower end at which a part that reaches to infinity is divided
+_OUTWARD = 4.0  # an interval that reaches to infinity is divided at this multiple of its lower end
 _A_CHAIN = 10**9  # stands for the infinitely many unstable poles of a neutral loop beyond its limit
 _BESIDE = 1e-6  # relative distance from a gain limit at which the poles on either side are counted
-_GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase crossovers are one limit
+_GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase crossovers count as one limit
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Margins:
     - gain_increase, gain_decrease: loop-gain factors > 1 and < 1 at which stability is lost; inf and 0.0 if no factor
       destabilises.
     - gain_increase_frequency, gain_decrease_frequency: frequencies of the poles that then become unstable, rad/s;
-      0 for a pole through the origin, inf at infinite frequency (neutral loops), NaN without a bound.
+      0 for a pole through the origin, inf at infinite frequency (neutral loops), NaN if no factor destabilises.
     - phase_deg, phase_frequency: smallest phase change, lag or lead, that destabilises, deg, over all gain crossovers,
       and its crossover, rad/s; inf and NaN without a crossover.
     - delay_s, delay_frequency: smallest added dead time that destabilises, s, over all gain crossovers, and its
@@ -96,8 +96,8 @@ class Margins:
 class GainLimit(NamedTuple):
     """A loop-gain factor at which closed-loop poles are on the imaginary axis.
 
-    `frequency`: of these poles, rad/s. `crossing`: change in the number of unstable poles when the gain grows past the
-    factor. `rate`: d ln L/d omega at a phase crossover.
+    `frequency`: frequency of these poles, rad/s. `crossing`: change in the number of unstable poles when the gain grows
+    past the factor. `rate`: d ln L/d omega, s, at a phase crossover.
     """
 
     factor: float
@@ -113,7 +113,7 @@ def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLi
     """
     dc, limits = 0.0 if response.order_at_zero else response.system.dc_gain, list[GainLimit]()
     if -math.inf < dc < 0:
-        # near the origin L ~ dc (1 + s L'/L): with k growing the real pole moves by -1/(L'/L), L'/L = d(arg L)/d omega
+        # near the origin L ~ dc (1 + s L'/L): as k grows the real pole moves by -1/(L'/L), L'/L = d(arg L)/d omega
         slope = response.turned(1e-12 * float(response.scales.min()))[1]
         limits.append(GainLimit(-1.0 / dc, 0.0, 1 if slope < 0 else -1))
     for omega in phase_crossings:
@@ -128,7 +128,7 @@ def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLi
 
 
 def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
-    """Gain limit at which poles arrive from infinity, or None: a neutral loop's chain, or a pole if L(inf) = -1/k."""
+    """Gain limit with poles that come from infinity (chain of a neutral loop, or L(inf) = -1/k), or None."""
     through = response.system.feedthrough
     if through == 0 or (response.dead_time == 0 and through > 0):
         return None
@@ -178,7 +178,7 @@ def compute_margins(
 
 
 def smallest_at(rest: list[float], crossovers: list[float]) -> set[int]:
-    """Indices of the gain crossovers with the phase margin and the delay margin; see `compute_margins`."""
+    """Indices of the gain crossovers with the smallest phase and delay margin; arguments as in `compute_margins`."""
     sizes = ([abs(one) for one in rest], _added_dead_times(rest, crossovers))
     return {one.index(min(one)) for one in sizes if one}
 
@@ -215,7 +215,7 @@ Peaks = list[tuple[float, float]]  #: peaks of |S|, |T| and |S - 1/2|: height an
 
 
 def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Peaks:
-    """Suprema of |S|, |T| and |S - 1/2| over omega >= 0; the search begins at the highest of `starts`, rad/s."""
+    """Suprema of |S|, |T| and |S - 1/2| over omega >= 0; the search begins where they are largest among `starts`."""
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
@@ -231,9 +231,9 @@ def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Pea
 class _PeakSearch:
     """Search for the peaks of |S|, |T| and |S - 1/2|, with a proof that they are not higher at any frequency.
 
-    |S| <= M if and only if M^2 |1 + L|^2 - 1 >= 0. T and S - 1/2 have similar conditions: a margin u P + v N + w with
-    P = |1 + L|^2 and N = |L|^2 must not be negative. Where |L| > 1, 1/L replaces L. Each part of the axis is divided
-    until the condition is proved: by |L| alone, or by Taylor's formula with a bound on the third derivative.
+    |S| <= M if and only if M^2 |1 + L|^2 - 1 >= 0. T and S - 1/2 have similar conditions: u P + v N + w >= 0 with
+    P = |1 + L|^2 and N = |L|^2. Where |L| > 1, 1/L replaces L. The frequency axis is divided until the condition is
+    proved on each part: by |L| alone, or by Taylor's formula with a bound on the third derivative.
     """
 
     def __init__(self, response: Response, best: Peaks) -> None:
@@ -242,7 +242,7 @@ class _PeakSearch:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Set (u, v, w) for each kind of peak, for L and 1/L, and the |L| below and above which no peak is possible."""
+        """Set (u, v, w) of each peak, for L and for 1/L, and the |L| below and above which no peak is higher."""
         slack = self._rounding * (self.best[0][0] * self.best[1][0])  # |S| and |T| amplify rounding
         s, t, centred = (max(peak, _NOTHING) * (1 + _PEAK) + slack for peak, _ in self.best)
         of_s, of_t, of_both = (s * s, 0.0, -1.0), (t * t, -1.0, 0.0), (centred * centred + 0.25, -0.5, -0.5)
@@ -252,7 +252,7 @@ class _PeakSearch:
         self._large = max(1 + 1 / s, t / (t - 1) if t > 1 else math.inf, 1 / ratio if ratio > 0 else math.inf)
 
     def climb(self, starts: list[float]) -> None:
-        """Find the peaks next to the highest of the start frequencies, rad/s, ascending."""
+        """Find each peak, starting where |S|, |T| or |S - 1/2| is largest among `starts` (rad/s, ascending)."""
         values = [_sizes(self._response, omega) for omega in starts]
         for kind, sizes in enumerate(zip(*values, strict=True)):
             top = sizes.index(max(sizes))
@@ -260,7 +260,7 @@ class _PeakSearch:
                 self._raise(kind, starts[top], [0.0, *starts, math.inf][top : top + 3 : 2])
 
     def _raise(self, kind: int, start: float, between: Sequence[float]) -> None:
-        """Store the peak near `start`, or else the value at `start`, if higher than the best of its kind so far."""
+        """Store the peak of function `kind` near `start`, or the value at `start`, if higher than the stored peak."""
         shape, exact = SHAPES[kind], self._response.exact
         low, high = between
         omega = _near_peak(self._response, *shape, low, start, high)
@@ -313,7 +313,7 @@ class _PeakSearch:
         return (math.sqrt(low) * math.sqrt(high), tried and high < _WIDEST * low) if low else (0.5 * high, tried)
 
     def _below(self, kinds: list[int], around: _Around, low: float, middle: float) -> bool:
-        """True if |S|, |T| and |S - 1/2| stay below their peaks on a part; a higher middle value replaces the peak."""
+        """True if |S|, |T|, |S - 1/2| are below their peaks on a part; a higher value at `middle` becomes the peak."""
         rounding = self._response.rounding(middle)
         if rounding > 2 * self._rounding:
             self._rounding = rounding
@@ -395,7 +395,7 @@ def _sizes(response: Response, omega: float) -> tuple[float, float, float]:
 
 
 def _near_peak(response: Response, a: float, b: float, low: float, start: float, high: float) -> float:
-    """Frequency of the peak near `start`, rad/s, as `ExactLoop.peak` but in doubles; else of the highest value seen."""
+    """Frequency of the peak near `start`, rad/s, by Newton's method in doubles; or of the highest value it found."""
     omega, least, seen = start, math.inf, start
     with suppress(ArithmeticError):
         for _ in range(_NEWTON_STEPS):
@@ -423,10 +423,11 @@ def top_of(sizes: Floats, points: Floats) -> Peaks:
 
 
 def box_bounds(size: Floats, half_turns: Floats) -> Floats:
-    """Upper bounds on |S|, |T|, |S - 1/2|, (3, n), from ln|L| and arg L/pi, both monotone, at the ends, (2, n).
+    """Upper bounds on |S|, |T| and |S - 1/2| on n frequency intervals, (3, n).
 
-    With |L| = m in [m1, m2] and a phase at least d away from -180 deg, |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d). The
-    bound becomes exact as the part shrinks to a point.
+    `size`, `half_turns`: ln|L| and arg L/pi at both ends, (2, n); both functions are monotone on each interval. With
+    |L| = m in [m1, m2] and a phase at least d away from -180 deg, |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d). The bound
+    becomes exact as the interval shrinks to a point.
     """
     turns = 0.5 * half_turns - 0.5
     lowest, highest = np.minimum(*turns), np.maximum(*turns)

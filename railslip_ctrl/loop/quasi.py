@@ -26,9 +26,9 @@ from .quasi_batch import NEAR_ORIGIN, QuasiPolynomials, count_right
 from .rational import DOUBLE_BITS, Rational
 from .stability import RootCount
 
-_SMALL = 5e-3  # the frequency axis reaches at least to where |L| is certainly below this
-_TURNS = 22  # turns of the dead time that the axis covers at least: the first 20 phase crossovers are then listed
-_BELOW_FEATURES = 1e-4  # lowest frequency over the lowest feature
+_SMALL = 5e-3  # bound on |L| at and above the highest frequency
+_TURNS = 22  # least phase of the longest delay at the highest frequency, in turns: enough for 20 phase crossovers
+_BELOW_FEATURES = 1e-4  # lowest frequency as a ratio to the lowest feature
 _CELL_RATIO = 1.5  # ratio of neighbouring frequencies in the first division of the axis
 _ROUNDING = 1e-13  # bound on the rounding of F, relative to the sizes of its terms
 
@@ -79,7 +79,7 @@ class QuasiPolynomial:
 
     @cached_property
     def _alone(self) -> QuasiPolynomials:
-        """The quasi-polynomial as an array of one."""
+        """This quasi-polynomial as `QuasiPolynomials` with n = 1."""
         delays = tuple(np.array([delay]) for delay in self.delays)
         return QuasiPolynomials(tuple(c[None] for c in self.terms), delays, self.removed)
 
@@ -154,7 +154,7 @@ class QuasiPolynomial:
 
 
 def _polynomial(coefficients: Floats, x: Any) -> Any:
-    """Value at x of a polynomial in descending powers, in half the time of NumPy's."""
+    """Value at x of a polynomial with coefficients in descending powers; NumPy's function takes twice as long."""
     value = coefficients[0] * np.ones_like(x)
     for one in coefficients[1:].tolist():
         value = value * x + one
@@ -254,11 +254,11 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def open_loop_unstable_poles(self) -> int:
-        """Zeros of D right of the imaginary axis; those at 0 do not count. InputError for others on the axis."""
+        """Zeros of D right of the imaginary axis; zeros at 0 do not count. InputError for other zeros on the axis."""
         den = self.ratio.denominator
         count = QuasiPolynomial(den.terms, den.delays, den.removed + den.zeros_at_origin).count_right()
         if count.marginal:
-            raise InputError("delayed loop: L has poles on the imaginary axis; give it some damping")
+            raise InputError("delayed loop: L has poles on the imaginary axis; give plant or controller some damping")
         return int(count.right)
 
     @cached_property
@@ -328,7 +328,7 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def _band(self) -> tuple[float, float]:
-        """Frequencies, rad/s, below all features and above which |L| is certainly small."""
+        """Lowest frequency, below all features, and highest one, from which on |L| is certainly small; rad/s."""
         num, den = self.ratio.numerator.bare, self.ratio.denominator.bare
         lead, order = abs(den.terms[0][0]), den.degree
         # begin where the highest power of D exceeds each of the other terms, then raise `top` until |L| is small

@@ -1,4 +1,4 @@
-"""Unstable zeros of many quasi-polynomials at once.
+"""Number of unstable zeros of many quasi-polynomials at once.
 
 The zeros are counted by the argument principle: F(j omega) is followed over steps that a bound on its slope proves
 short enough.
@@ -23,7 +23,7 @@ NEAR_ORIGIN, _SERIES = 0.03, 12
 
 # Relative width below which an interval that may contain a zero counts as a zero on the axis.
 _NARROWEST = 1e-12
-_MOST_INTERVALS = 2_000_000  # intervals at once; functions that need more count as marginal
+_MOST_INTERVALS = 2_000_000  # intervals in memory at once; functions that need more count as marginal
 _EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the first steps / highest frequency
 
 
@@ -148,9 +148,9 @@ def count_right(function: QuasiPolynomials) -> Floats:
 
 
 def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Complexes, Flags]:
-    """Function number, frequency and F of nodes from 0 to `top`, rad/s; True for functions with a zero on the axis.
+    """Index of the function, frequency and F of each node; True for each function with a zero on the axis.
 
-    From each node to the next F turns by less than 180 deg.
+    The nodes reach from 0 to `top`, rad/s. From each node to the next F turns by less than 180 deg.
     """
     slope, edges = function.slope(), top[:, None] * _EDGES
     every = np.arange(top.size)

@@ -27,7 +27,7 @@ from railslip_ctrl.core.records import dataclass
 
 DOUBLE_BITS = 64  #: precision of balls that are then rounded to doubles (53 bits)
 _NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # in doubles: most steps, and the last relative step before balls refine
-_SPARE_BITS = 32  # allowance for cancellation at a root; if more is lost, FLINT isolates all roots
+_SPARE_BITS = 32  # bits allowed for cancellation at a root; if more are lost, FLINT isolates all roots
 _SHARP = 56  # correct bits of a real or imaginary part that is rounded to a double
 
 
@@ -198,7 +198,7 @@ def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, floa
 # -- the transfer function --------------------------------------------------------------------------------------
 
 _LEVEL = 20 * np.finfo(float).eps  # relative rounding of a sum of products of matrix entries, per state
-_PAIRED = 1e-9  # relative distance within which two roots are a conjugate pair: rounding of eigenvalue routines
+_PAIRED = 1e-9  # relative distance within which two roots count as a conjugate pair; eigenvalue routines round
 LARGEST_ORDER = 100
 """Largest order of a Pade approximation; from order 10 on it is exact to rounding up to a few radians of phase."""
 
@@ -587,7 +587,7 @@ def _section(poles: list[complex], zeros: list[complex]) -> Realisation:
 def pade(dead_time: float, order: int) -> Rational:
     """Diagonal Pade approximation of exp(-dead_time s), for comparison with the exact dead time.
 
-    - dead_time: s, >= 0; the approximation is 1 for 0.
+    - dead_time: s, >= 0; for 0 s the approximation is 1.
     - order: 1 to 100.
 
     Coefficient of (tau s)^k: (2n - k)! n!/((2n)! k! (n - k)!), sign (-1)^k in the numerator; see e.g.
@@ -603,6 +603,6 @@ def pade(dead_time: float, order: int) -> Rational:
 
 @lru_cache
 def _poles(n: int) -> Complexes:
-    """Poles of the approximation of order n for a dead time of 1 s."""
+    """Poles of the Pade approximation of order n for a dead time of 1 s."""
     coefficients = [fmpq(math.factorial(2 * n - k), math.factorial(k) * math.factorial(n - k)) for k in range(n + 1)]
     return rounded_roots(fmpq_poly(coefficients))

@@ -51,7 +51,7 @@ class TimeResponse:
     - control: u, the controller's command, before the dead time.
     - plant_input: q, the input of the plant: the command after dead time and actuator, plus the disturbance.
     - error: e = reference - (output + noise), the input of the controller.
-    - control_rate: du/dt, per s; without jumps of u (a reference step through a biproper controller, at t = 0).
+    - control_rate: du/dt, per s, without the jumps of u. With a biproper controller u jumps at t = 0.
     - dead_time: s.
     - reference, disturbance, noise: heights of the steps at t = 0.
     """
@@ -126,11 +126,11 @@ def closed_loop_response(
     times = given_times(time, final_time)
     steps = np.array([reference, disturbance, noise], dtype=float)
     if not np.isfinite(steps).all():
-        raise InputError(f"steps: {steps.tolist()} contain a value that is not finite; give finite heights")
+        raise InputError(f"reference, disturbance, noise: not all of {steps.tolist()} are finite; give finite heights")
     if initial_plant_state is not None and not isinstance(plant, Rational):
         raise InputError(
-            f"initial plant state: needs a plant given as Rational, not {type(plant).__name__}: its states are those "
-            "of realise(plant)"
+            f"initial plant state: the plant is a {type(plant).__name__}; give it as Rational, because the states are "
+            "those of realise(plant)"
         )
     systems = {"controller": controller, "actuator": actuator, "plant": plant}
     c, g, p = (Rational.from_control(system, name) for name, system in systems.items())
@@ -161,8 +161,8 @@ def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
     state = np.asarray(given, dtype=float)
     if state.shape != (plant_order,) or not np.isfinite(state).all():
         raise InputError(
-            f"initial plant state: shape {np.shape(given)} or its values are not allowed; give {plant_order} finite "
-            "numbers, one per state of the plant"
+            f"initial plant state: shape {np.shape(given)} or a value is not allowed; give finite values of "
+            f"shape ({plant_order},), one per state of the plant"
         )
     start[order - plant_order :] = state
     return start
@@ -263,7 +263,7 @@ class Equations:
 
 
 class Marcher:
-    """Time stepping of the loop piece by piece; values at Chebyshev points represent each signal on a piece."""
+    """Time stepping of the loop over short intervals (pieces); values at Chebyshev points represent each signal."""
 
     def __init__(self, equations: Equations, dead_time: float, steps: Floats) -> None:
         scaled, self._scale, rate = equations.balanced()

@@ -40,10 +40,10 @@ _CELL_RATIO = 1.5  # ratio of neighbouring frequencies in the first division of 
 _OF_PHASE = 0.01
 _AT_ONCE = 64  # boxes examined together, those with the least dead time
 _MOST_BOXES = 20_000  # boxes examined, some seconds; a loop that needs more has |L| = 1 nearly everywhere
-_TURNS_TRIED = 50  # turns tried for a box in one pass
-_SHARP = 1.5e-12  # deviation of ln L from linear that is nothing but rounding
+_TURNS_TRIED = 50  # numbers of turns (whole periods of dead time) tried for a box in one pass
+_SHARP = 1.5e-12  # deviation of ln L from linear that counts as rounding
 _TINY = 1e-9  # relative size at which an undecided box counts as a root: two poles touch the circle there, or nearly
-_SAME = 1e-9  # distance of two roots, relative to the margin, below which they are one
+_SAME = 1e-9  # distance of two roots, relative to the margin, below which they count as one
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class SampledLoop(BoundedLoop):
         """Matrix from one sample to the next with reference 0.
 
         The states are those of the plant, the past commands (latest first) and the controller. Raises InputError if
-        the dead time exceeds 500 periods: the matrix has a row for each.
+        the dead time exceeds 500 periods, because the matrix has a row for each of them.
         """
         if self.dead_time > MOST_PERIODS * self.period:
             raise InputError(
@@ -244,7 +244,7 @@ class SampledLoop(BoundedLoop):
         )
 
     def _run(self, count: int) -> tuple[Floats, Floats]:
-        """States of the plant at the first `count` samples, and the commands; a 0 precedes them, for t < 0."""
+        """States of the plant at the first `count` samples, and the commands, preceded by a 0 for t < 0."""
         if count > MOST_SAMPLES:
             raise InputError(
                 f"time: {count} samples are not allowed; give a time <= {MOST_SAMPLES * self.period:.3g} s"
@@ -369,20 +369,21 @@ def check_period(period: float) -> float:
 # a box bounds the deviation of ln L from its linear part anywhere in the box.
 #
 # The dead time is turns - 1 + fraction periods; theta is the angle of the pole. The delay margin is the least dead time
-# with a root of L = -1. The search covers boxes of theta and fraction; each has the first turns at which it may contain
-# a root. The box with the least possible dead time is examined first: it is divided, narrowed by an interval Newton
-# step, or dropped, until a root is isolated.
+# with a root of L = -1. The search covers boxes of theta and fraction; each has the least number of turns at which it
+# may contain a root. The box with the least possible dead time is examined first: it is divided, narrowed by an
+# interval Newton step, or dropped, until a root is isolated.
 
 
 @dataclass(frozen=True)
 class BoxedExpansion:
     """Expansion of ln(L z^turns) about the middles of n boxes of theta and fraction.
 
-    - value, slope, drift: array of complex, (n,); the value and its derivatives to theta and to the fraction.
+    - value, slope, drift: array of complex, (n,); the value and its derivatives with respect to theta and to the
+      fraction.
     - near, signs: reciprocal distances to poles and zeros, (n, roots), and 1 for a zero, -1 for a pole.
     - taylor: Taylor coefficients of the numerator in z over its value, (n, order + 1).
-    - drifts: the same for the derivative of the numerator to 1 - fraction.
-    - follows: derivatives of the Taylor coefficients to the components of G, (n, order + 1, order).
+    - drifts: the same for the derivative of the numerator with respect to 1 - fraction.
+    - follows: derivatives of the Taylor coefficients with respect to the components of G, (n, order + 1, order).
     """
 
     of: BoxedResponse
@@ -455,7 +456,7 @@ class BoxedResponse:
         return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:
-        """Bound on the deviation of G from linear about `fraction` within `half`, by components, (n, order)."""
+        """Bound on the deviation of each component of G from linear within `half` of `fraction`, (n, order)."""
         from scipy.linalg import expm
 
         a, b = self._held.a, self._held.b
@@ -470,7 +471,7 @@ class BoxedResponse:
         return np.asarray(np.maximum(after, before)[:, :, 0])
 
     def expand(self, theta: Floats, fraction: Floats) -> BoxedExpansion:
-        """Expand about points: theta, rad per period, and the fraction, (n,) each."""
+        """Expand ln(L z^turns) about the points (theta, fraction), rad per period and ratio, (n,) each."""
         held, n, beyond = self._held, self._held.c.size, np.expm1(1j * theta)
         fractions, at = np.unique(fraction, return_inverse=True)
         reached = self._reached(1 - fractions)[at]
@@ -529,8 +530,9 @@ class Boxes(NamedTuple):
 def added_delay(loop: SampledLoop) -> tuple[float, float]:
     """Least added dead time at which stability is lost, s, and the frequency of the pole, rad/s; inf and NaN if never.
 
-    Frequencies below 1e-5 of the slowest pole or zero do not count, nor do dead times that turn these by more than
-    90 deg. If 20 000 boxes do not isolate the root, the result is the dead time up to which stability is certain.
+    Frequencies below 1e-5 of the slowest pole or zero do not count, nor do dead times with more than 90 deg of phase at
+    these frequencies. If 20 000 boxes do not isolate the root, the result is the dead time up to which stability is
+    certain.
     """
     response, begin = loop._boxed, loop.dead_time / loop.period
     edges = response.first_edges()
@@ -611,7 +613,7 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
 def _next_turns(
     expansion: BoxedExpansion, boxes: Boxes, rest: Floats, across: Floats, alive: Flags
 ) -> tuple[Boxes, Step, Flags]:
-    """First turns, from the present ones on, at which each box may contain a root, and the interval Newton step."""
+    """Least number of turns, from the present one up, with which a box may contain a root; and its Newton step."""
     size, phase = expansion.value.real, expansion.value.imag - math.pi
     rise, drift, turns = expansion.slope.real, expansion.drift, boxes.turns
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -651,7 +653,7 @@ def _next_turns(
 
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
-    """The part of each box within the error of its Newton step; it counts for the present turns only."""
+    """The part of each box within the error of its Newton step; it is valid for the present number of turns only."""
 
     def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:
         low, high = np.clip(to - room, -half, half), np.clip(to + room, -half, half)

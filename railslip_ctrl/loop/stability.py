@@ -3,9 +3,9 @@
 The closed-loop poles are the zeros of the quasi-polynomial Q(s) = D(s) + N(s) exp(-tau s), L = N exp(-tau s)/D.
 Along s = j omega the argument of Q has a closed form wherever |L| != 1. It is arg D + Arg(1 + L) for |L| < 1 and
 arg N - tau omega + Arg(1 + 1/L) for |L| > 1; both principal values are within +-90 deg. At a gain crossover the two
-forms differ by 2 pi round(arg L/2 pi). The gain crossovers and the continuous phase at them therefore decide, without a
-grid or a Pade approximation. The path need not avoid open-loop poles on or near the axis, because for large |L| the
-argument contains only N. This is the direct method of [WaltonMarshall1987] applied at one dead time.
+forms differ by 2 pi round(arg L/2 pi). The gain crossovers and the continuous phase at them therefore give the number
+of poles, without a grid or a Pade approximation. The path need not avoid open-loop poles on or near the axis, because
+for large |L| the argument contains only N. This is the direct method of [WaltonMarshall1987] applied at one dead time.
 
 The crossovers are algebraic numbers, isolated exactly (`crossings`). If rounding of the phase could matter, balls of
 growing precision decide. With dead time some precision always suffices: exp(-j tau omega) is transcendental there
@@ -29,8 +29,8 @@ _SHIFT = 1e-7  # shift of the contour to the left, relative to the loop's freque
 _NEWTON_STEPS = 60  # most steps from one start value
 _FIXED_POINT_STEPS = 30  # iterations for the start values of the chain; Newton's method refines them
 _RESIDUAL = 1e-10  # largest |Q|/(|D| + |N exp|) of an accepted pole; even a double pole leaves about 1e-15
-_POINTS = (40, 80, 160)  # Chebyshev points tried; they only matter for the poles near the origin
-_SAME = 1e-7  # relative distance within which two computed zeros are one; a double zero is accurate to 1e-8
+_POINTS = (40, 80, 160)  # numbers of Chebyshev points, tried in turn; they only matter for the poles near the origin
+_SAME = 1e-7  # relative distance within which two computed zeros count as one; a double zero is accurate to 1e-8
 
 
 @dataclass(frozen=True)
@@ -93,11 +93,12 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
     characteristic = response.exact.numerator + response.exact.denominator
     if characteristic[0] == 0:
         return float("nan"), True
-    if response.exact.all_pass:  # without dead time; the polynomial itself is counted
+    if response.exact.all_pass:  # |L| = 1 everywhere, without dead time: count the roots of the polynomial
         with ctx.workprec(MOST_BITS):
             roots = characteristic.complex_roots()
         return float(sum(n for root, n in roots if root.real > 0)), any(root.real.contains(0) for root, _ in roots)
-    # half turns of arg Q from omega = 0 to infinity, in the form in use: that of N where |L| > 1
+    # half turns of arg Q from omega = 0 to infinity; the form with arg N is used where |L| > 1, else the form with arg
+    # D
     large, turned = response.exact.large_at_zero, int(system.gain < 0)
     change = -(right[0] + turned) if large else -right[1]
     phases = response.phases_at_crossovers(certain=True) if certain else response.crossover_phases
@@ -197,7 +198,7 @@ def _product(roots: Complexes, s: Complexes) -> tuple[Complexes, Complexes]:
 
 
 def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Complexes, Flags]:
-    """Apply Newton's method to each start value; returns the ends and whether each is a zero of Q."""
+    """Apply Newton's method to each start value; returns the final values and whether each is a zero of Q."""
     s = start.astype(complex)
     with np.errstate(all="ignore"):
         for _ in range(_NEWTON_STEPS):

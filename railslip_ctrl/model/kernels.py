@@ -42,7 +42,7 @@ def where(condition, one, other):
 
 @compiled
 def table_cell(x, table):
-    """Place of |x| between two nodes, 0 to 1; value and slope at the first, slope at the second, rise of the value."""
+    """Position of |x| between two nodes, 0 to 1; value and slope at the first; slope at the second; change of value."""
     nodes = (table.size - 1) // 2
     place = abs(x) * table[0]
     i = min(int(place), nodes - 2)
@@ -52,7 +52,7 @@ def table_cell(x, table):
 
 @compiled
 def tabulated(x, *rest):
-    """Odd function of the slip ratio by cubic interpolation of the table, the last argument."""
+    """Force at the slip ratio x, odd in x: cubic interpolation of the table, which is the last argument."""
     u, f0, d0, d1, rise = table_cell(x, rest[-1])
     value = f0 + u * (d0 + u * (3.0 * rise - 2.0 * d0 - d1 + u * (d0 + d1 - 2.0 * rise)))
     return value if x >= 0.0 else -value
@@ -60,7 +60,7 @@ def tabulated(x, *rest):
 
 @compiled
 def tabulated_slope(x, *rest):
-    """Derivative of `tabulated` to the slip ratio, an even function."""
+    """Derivative of `tabulated` with respect to the slip ratio, an even function."""
     u, _, d0, d1, rise = table_cell(x, rest[-1])
     return rest[-1][0] * (d0 + u * (2.0 * (3.0 * rise - 2.0 * d0 - d1) + u * 3.0 * (d0 + d1 - 2.0 * rise)))
 
@@ -75,9 +75,9 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     return rows[1][1], rows[1][2], rows[2][1], rows[2][2]
 
 """
-# Only `run` allocates memory. All other functions are inlined into it without reference counts of arrays. A run is then
-# three times as fast, within a few per cent of the same loop in C. Python calls only `run`; wrappers for the others
-# would take a quarter of the compile time.
+# Only `run` allocates memory. All other functions are inlined into it without reference counts of arrays. This makes a
+# run three times as fast, within a few per cent of the same loop in C. Python calls only `run`; wrappers for the other
+# functions would take a quarter of the compile time.
 COMPILED = """from numba import njit
 
 inlined = {'forceinline': True, '_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
@@ -85,7 +85,7 @@ compiled = njit(nogil=True, error_model='numpy', **inlined)
 entry = njit(cache=True, nogil=True, error_model='numpy')"""
 _INTERPRETED = "\n\ndef compiled(function):\n    return function\n\n\nentry = compiled"
 
-# the assembled text defines the names that its parts import
+# imports of a part: unnecessary in the assembled text, which defines these names itself
 _IMPORTS = re.compile(r"^(from \S+ import (\([^)]*\)|.*)|import .*)\n", re.MULTILINE)
 
 
@@ -182,7 +182,7 @@ def _log_compiling(folder: Path) -> None:
 
 
 def _stored(name: str, text: str) -> Path:
-    """Write the text of a kernel to the cache folder unless it exists; return its path."""
+    """Write the text of a kernel to a file in the cache folder, unless the file has it already; return the path."""
     path = cache_folder() / f"{name}.py"
     if not path.is_file() or path.read_text("utf-8") != text:
         with staged(path.parent) as new:  # another process may write the same text at the same time

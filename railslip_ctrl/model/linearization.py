@@ -1,4 +1,4 @@
-"""Operating points of constant slip, and the linear plant about them with the speed frozen or as a state.
+"""Operating points of constant slip, and the plant linearised there with the train speed frozen or as a state.
 
 Braking at constant slip is not an equilibrium, because v falls. An operating point consists of v, lambda, rail,
 law, the adhesion state with z' = 0, and the brake torque with lambda' = 0. The travelling resistance acts on v'.
@@ -31,10 +31,10 @@ OUTPUTS = ("sigma", "lambda", "error")
 # Largest residual: sum of cancelling accelerations relative to their size; rounding gives a few 1e-16.
 _LARGEST_RESIDUAL = 1e-12
 
-# Relative distance at which a slip counts as being at a kink: far above rounding, a few 1e-16.
+# Relative distance within which a slip counts as being at a kink; rounding, a few 1e-16, is far smaller.
 _KINK_TOLERANCE = 1e-9
 
-_SAME_LOAD = 1e-6  # relative difference within which two wheel loads are equal: rounding in text or by a factor
+_SAME_LOAD = 1e-6  # relative difference within which two wheel loads are equal; loads in files may be rounded
 
 # Slip ratio for the extrapolation of the Jacobian to slip 0; the error is of order slip^2.
 _NEXT_TO_ZERO = 1e-7
@@ -52,7 +52,7 @@ class OperatingPoint:
     - adhesion_force: Fa, N.
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
-    - gain: ratio of acting to commanded torque, times that of measured to true slip velocity; 1 without errors.
+    - gain: acting over commanded torque, times measured over true slip velocity; a ratio, 1 if neither has an error.
     - residual: numerical error of lambda' = 0 and z' = 0, a ratio: the larger of |lambda'| and |z'|, each over the size
       of the terms that cancel in it.
     """
@@ -112,7 +112,7 @@ def operating_point(
 ) -> OperatingPoint:
     """Compute the operating point of a law at a speed and a slip: steady adhesion state and brake torque.
 
-    - law: with parameters for the rail condition in question.
+    - law: adhesion law with the parameters for the rail condition.
     - vehicle: quarter car, SI.
     - speed: v, m/s, > 0.
     - slip: lambda, a ratio, 0 <= slip < 1; positive in braking.
@@ -120,8 +120,8 @@ def operating_point(
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h, used only as a label.
 
     Returns speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m. InputError: an
-    argument of another kind, or a published law for another wheel load. DomainError: the speed is not finite and
-    positive, the slip is outside 0 <= lambda < 1, or the law is not valid at this point. KinkError: slip 0 with a
+    argument of wrong type, or a law for a wheel load that is not the vehicle's. DomainError: the speed is not finite
+    and positive, the slip is outside 0 <= lambda < 1, or the law is not valid at this point. KinkError: slip 0 with a
     dynamic law, whose steady state is undefined at slip 0.
     """
     if initial_speed_kmh is not None:
@@ -140,7 +140,7 @@ def operating_point(
     if law.has_state and sigma == 0.0:
         reasons = [kink.reason for kink in law.kinks(speed, vehicle.wheel_load) if kink.slip == 0.0]
         reason = reasons[0] if reasons else "its steady state is undefined at slip 0"
-        raise KinkError(f"slip: 0 has no operating point with adhesion {law.name!r}: {reason}")
+        raise KinkError(f"slip: no operating point at slip 0 with adhesion {law.name!r}: {reason}; give a slip > 0")
     functions = numeric_plant(type(law))
     p = plant_parameters(law, vehicle)
     z = float(functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p))
@@ -240,7 +240,7 @@ def _polynomial(roots: Complexes) -> Floats:
 def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> LinearPlant:
     """Linearise about free rolling at a speed (m/s): slip 0, and z = 0 for a dynamic law.
 
-    - law: adhesion law with parameters for the rail condition in question.
+    - law: adhesion law with the parameters for the rail condition.
     - vehicle: quarter car, SI.
     - speed: v, m/s, > 0.
 
@@ -265,11 +265,11 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     """Linearise at an operating point by the analytic Jacobian of the plant.
 
     - point: from `operating_point`.
-    - speed_state: true keeps v as the first state; by default the speed is frozen.
+    - speed_state: if true, v is the first state; by default the speed is frozen.
 
     Returns A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
-    InputError: an argument of another kind. KinkError: the law has no unique derivative at this slip (within 1e-9
-    relatively).
+    InputError: an argument of wrong type. KinkError: the law has no unique derivative at the slip of the point, or at a
+    slip within a relative distance of 1e-9.
     """
     law = point.law
     for kink in law.kinks(point.speed, point.vehicle.wheel_load):
@@ -319,12 +319,12 @@ NONLINEAR_OUTPUTS = (*OUTPUTS, "v", "omega")
 def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float) -> control.NonlinearIOSystem:
     """Nonlinear plant as a python-control system; states v (m/s, > 0), sigma (m/s) and, for a dynamic law, z (m).
 
-    - law: with parameters for the rail condition in question.
+    - law: adhesion law with the parameters for the rail condition.
     - vehicle: quarter car, SI.
     - reference_slip: lambda_d, a ratio, 0 <= reference_slip < 1, in the output error = reference_slip v - sigma.
 
     Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v
-    (m/s), omega (rad/s). [Park2008] (1)-(4). InputError: an argument of another kind, or a reference slip out of its
+    (m/s), omega (rad/s). [Park2008] (1)-(4). InputError: an argument of wrong type, or a reference slip outside its
     range.
     """
     import control

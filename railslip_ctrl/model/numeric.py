@@ -4,9 +4,9 @@
 hash of its sources (`plant.py`, `notation.toml`, the law's file). If the hash does not match, the functions are
 generated in memory. An edited plant or a new law therefore works without `make generate`, but starts more slowly.
 
-The functions have the names of the fields of `plant.ClosedPlant` and take (v, sigma, z, Tb, Td, Tr, p): m/s, m/s, m,
-N*m three times, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores `z`. In
-a kernel (`kernels`) they take a table after `p`, for a force without a closed form.
+The functions have the names of the fields of `plant.ClosedPlant` and take (v, sigma, z, Tb, Td, Tr, p): speeds in m/s,
+z in m, torques in N*m, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores
+`z`. In a kernel (`kernels`) a table follows `p`, for a force without a closed form.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ NumericPlant: TypeAlias = ModuleType  #: module with the numeric functions of a 
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle, gradient: float = 0.0) -> tuple[float, ...]:
-    """Parameters `p` of the numeric functions: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then those of the law; SI.
+    """Parameters `p` of the numeric functions, SI: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then the law's parameters.
 
-    Fr0 includes the weight component along the track for a `gradient`, rise over length. The inertia scale does not
-    apply to this force.
+    Fr0 includes the component of the weight along the track for a `gradient` (rise over length, a ratio). The inertia
+    scale does not apply to this component.
     """
     inertias = (vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction)
     along = vehicle.resistance.constant + vehicle.mass * GRAVITY * gradient
@@ -120,7 +120,7 @@ _LOWEST_SLIP = 1e-6  # lowest slip ratio of the grid
 
 @dataclass(frozen=True)
 class Peak:
-    """Peak of the steady-state adhesion curve: slip ratio, and adhesion coefficient there."""
+    """Peak of the steady-state adhesion curve: slip ratio and adhesion coefficient at the peak."""
 
     slip: float
     coefficient: float

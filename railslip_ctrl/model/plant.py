@@ -63,7 +63,7 @@ def actuator_lag_rate() -> sp.Expr:
 
 @dataclass(frozen=True)
 class Motion:
-    """Rates of v, omega, sigma and slip in (v, sigma, Fa, Tb, Td, Tr): m/s^2, rad/s^2, m/s^2, 1/s."""
+    """Rates of v, omega, sigma and slip as functions of (v, sigma, Fa, Tb, Td, Tr): m/s^2, rad/s^2, m/s^2, 1/s."""
 
     v_rate: sp.Expr
     omega_rate: sp.Expr
@@ -107,7 +107,7 @@ def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
 
 @dataclass(frozen=True)
 class ClosedPlant:
-    """The plant with a law's force; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters."""
+    """The plant with an adhesion law; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters."""
 
     force: sp.Expr  # adhesion force, N
     force_and_gradient: tuple[sp.Expr, ...]  # `force`, then its derivatives with respect to `STATES`
@@ -151,7 +151,7 @@ def numeric_text(law: type[AdhesionLaw], sources_hash: str) -> str:
     """Generate the text of the numeric module of a law, with the hash of its sources."""
     closed, own = close(law), law.statement().functions
     in_force = {type(function).__name__ for function in closed.force.atoms(sp.Function)}
-    # a kernel defines these two functions: they read the table
+    # names of the functions in a kernel that interpolate the table
     readers = {name: "tabulated" if name in in_force else "tabulated_slope" for name in own}
     imports = [
         f"from {path.split(':')[0]} import {path.split(':')[1]} as {readers[name]}" for name, path in own.items()

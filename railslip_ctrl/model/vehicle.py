@@ -107,7 +107,7 @@ class Record(BaseModel):
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
-        """Make the record from a mapping `obj` of its keys; `options` are pydantic's, errors those of a new record."""
+        """Make the record from a mapping `obj` of its keys; pydantic gets `options`; InputError as in `Record`."""
         try:
             return super().model_validate(obj, **options)
         except ValidationError as error:
@@ -144,12 +144,12 @@ class Record(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _to_si(cls, value: object, info: ValidationInfo) -> object:
-        """Convert the value of a field made by `units.quantity` to the unit of the field, lists member by member."""
+        """Convert a value, or each number of a list, to the unit of its field if `units.quantity` made the field."""
         name = info.field_name or ""
         field, unit = cls.model_fields[name], cls.units().get(name)
         if value is None and NoneType in get_args(field.annotation):
             return None
-        if unit is not None:  # no name: pydantic's error names the field
+        if unit is not None:  # to_unit gets no name, because pydantic's error names the field
             convert = partial(to_unit, unit=unit, text_needs_unit=cls.text_needs_unit)
             return _each(convert, value) if get_origin(field.annotation) is tuple else convert(value)
         if field.annotation is bool and not isinstance(value, bool):  # pydantic alone would accept 1 and "yes"
@@ -214,7 +214,7 @@ class Vehicle(Record):
     InputError: as for any `Record`, and a loaded mass below the empty mass.
     """
 
-    name: str = Field(description="for reports")
+    name: str = Field(description="name of the vehicle in reports")
     mass: float = quantity("kg", "quarter-car mass M, empty", gt=0)
     mass_loaded: float = quantity("kg", "quarter-car mass M, loaded", gt=0)
     wheel_load: float = quantity("N", "wheel load N, empty", gt=0)
@@ -227,7 +227,7 @@ class Vehicle(Record):
     source: str = Field("", description="source of the numbers")
     notes: tuple[str, ...] = Field((), description="one sentence for each assumption")
     # text, because a record must be hashable; excluded from dumps, because it is not a property of the car
-    envelope: str = Field("{}", exclude=True, repr=False, description="the table [envelope] of its file, as JSON")
+    envelope: str = Field("{}", exclude=True, repr=False, description="table [envelope] of the vehicle's file, as JSON")
     _empty: tuple[float, float] | None = None  # mass, kg, and wheel load, N, before `loaded`
 
     @model_validator(mode="after")
@@ -308,17 +308,17 @@ PARK2008 = Vehicle(
 
 
 class PrintedPI(NamedTuple):
-    """PI gains as printed in Table 4: Kp in "N-h", Ki in "N"; read as N*m per km/h and N*m per km/h per s."""
+    """PI gains as printed in [Park2008] Table 4: Kp in "N-h", Ki in "N"; read as N*m/(km/h) and N*m/(km/h)/s."""
 
     Kp: float
     Ki: float
 
 
 class PrintedSliding(NamedTuple):
-    """Sliding-mode gains as printed in Table 4: D and rho in "1/h", K in "km/h^2", k without a unit.
+    """Sliding-mode gains as printed in [Park2008] Table 4: D and rho in "1/h", K in "km/h^2", k without a unit.
 
-    Read as D in N*m per km/h and K in N*m, both added to the torque, rho in 1/s, and k with s in km/h, Ta in N*m and
-    omega = v_kmh/r.
+    They are read as D in N*m per km/h, K in N*m and rho in 1/s; D s and K sgn s are torques. k is read for s in km/h,
+    Ta in N*m and omega = v_kmh/r.
     """
 
     D: float
@@ -328,27 +328,27 @@ class PrintedSliding(NamedTuple):
 
 
 TABLE4_PI_PRINTED = MappingProxyType({"beam": PrintedPI(400.0, 54.0), "bristle": PrintedPI(650.0, 27.0)})
-"""PI gains of [Park2008] Table 4 by column, as printed."""
+"""PI gains of [Park2008] Table 4 as printed, by the adhesion law of the column."""
 
 TABLE4_SLIDING_PRINTED = MappingProxyType(
     {"beam": PrintedSliding(1.62, 70.0, 1.65, 2.1e-8), "bristle": PrintedSliding(1.53, 70.0, 1.54, 2.1e-8)}
 )
-"""ASMC gains of [Park2008] Table 4 by column, as printed."""
+"""ASMC gains of [Park2008] Table 4 as printed, by the adhesion law of the column."""
 
 # 1 km/h = 1/3.6 m/s
 TABLE4_PI = MappingProxyType(
     {name: PIGains(kp=3.6 * gains.Kp, ki=3.6 * gains.Ki) for name, gains in TABLE4_PI_PRINTED.items()}
 )
-"""PI gains of [Park2008] Table 4 by column, in SI (N*m/(m/s) and N*m/m)."""
+"""PI gains of [Park2008] Table 4 in SI (N*m/(m/s) and N*m/m), by the adhesion law of the column."""
 
 
 @checked
 def table4_gains(adhesion: str) -> PIGains:
-    """PI gains of Table 4, SI, for an `adhesion` law by name: the beam column for "beam", else the bristle column."""
+    """PI gains of Table 4, SI, for the law named `adhesion`: the beam column for "beam", else the bristle column."""
     return TABLE4_PI["beam" if adhesion == "beam" else "bristle"]
 
 
-# --- implausible values: allowed, but far from those of vehicles, nearly always a number in another unit -------------
+# --- implausible values: allowed, but far from any real vehicle's; nearly always the unit is wrong --------------------
 
 
 _SPEED = 100.0 * KMH  # m/s, speed at which the travelling resistance is checked
@@ -409,5 +409,5 @@ def _remedy(usual: Mapping[str, Any], value: float, low: float, high: float) -> 
 
 
 def _plain(value: float, digits: int = 3) -> str:
-    """Text of a number with `digits` significant digits, below a million without a power of ten."""
+    """Text of a number with `digits` significant digits; from a million on with a power of ten."""
     return f"{float(f'{value:.{digits}g}'):g}"

@@ -20,7 +20,7 @@ from railslip_ctrl.core.user_files import close_match, file_name, given_path, re
 from .vehicle import GRAVITY, PARK2008, Actuator, Record, Resistance, Vehicle, Wheel
 
 DEFAULT_AXLES = 4
-"""Axles of a railtoolkit vehicle if no number is given: two bogies of two, as in [Park2008] Fig. 2."""
+"""Axles of a railtoolkit vehicle if no number is given: two bogies with two axles each, as in [Park2008] Fig. 2."""
 
 
 def _optional(record: type[BaseModel], name: str) -> Any:
@@ -42,8 +42,8 @@ WheelKeys, ResistanceKeys, ActuatorKeys = _table(Wheel), _table(Resistance), _ta
 class VehicleKeys(Record):
     """Keys of a vehicle's TOML file, all optional; `mass` or `rolling_stock` is required.
 
-    `axles` and `vehicle_id` belong to `rolling_stock`. The YAML file has the mass of the whole vehicle; `mass` and
-    `wheel_load` are those of the quarter car, the part carried by one wheelset.
+    `axles` and `vehicle_id` are used only with `rolling_stock`. The YAML file has the mass of the whole vehicle; `mass`
+    and `wheel_load` are those of the quarter car, the part carried by one wheelset.
     """
 
     name: str | None = None
@@ -218,7 +218,7 @@ class RollingStock(Record):
     coefficient is None ([railtoolkit] schema 2022.05).
     """
 
-    # the schema is not of this package: other keys are ignored, not reported as errors
+    # the schema has more keys than this package uses: they are ignored, not reported as errors
     model_config = ConfigDict(extra="ignore")
     # PyYAML reads 4e1 as text, and the schema defines the unit of each number
     text_needs_unit: ClassVar[bool] = False
@@ -229,9 +229,9 @@ class RollingStock(Record):
     load_limit: float | None = quantity("t", "largest load", ge=0, default=None)
     speed_limit: float | None = quantity("km/h", "highest speed", gt=0, default=None)
     rotation_mass: float | None = quantity("1", "factor on the mass for rotating parts", ge=1, default=None)
-    base_resistance: float | None = quantity("permille", "constant resistance of m g", ge=0, default=None)
-    rolling_resistance: float | None = quantity("permille", "resistance linear in v, of m g", ge=0, default=None)
-    air_resistance: float | None = quantity("permille", "resistance quadratic in v, of m g", ge=0, default=None)
+    base_resistance: float | None = quantity("permille", "constant resistance over m g", ge=0, default=None)
+    rolling_resistance: float | None = quantity("permille", "resistance linear in v, over m g", ge=0, default=None)
+    air_resistance: float | None = quantity("permille", "resistance quadratic in v, over m g", ge=0, default=None)
 
     def resistance(self, mass: float) -> Resistance:
         """Running resistance, SI, of a share of the vehicle with the mass `mass`, kg; a missing coefficient is 0."""
@@ -294,7 +294,7 @@ def _refuse_bombs(text: str, where: str, loader: Any) -> None:
 
 
 def _vehicles(content: Any, where: str) -> list[dict[Any, Any]]:
-    """The list of vehicles of a railtoolkit file; InputError without one."""
+    """The list of vehicles of a railtoolkit file; InputError if it has none."""
     vehicles = content.get("vehicles") if isinstance(content, dict) else None
     if not isinstance(vehicles, list) or not vehicles or not all(isinstance(one, dict) for one in vehicles):
         raise InputError(f"{where}: vehicles: missing or not a list of vehicles; give a railtoolkit rolling-stock file")

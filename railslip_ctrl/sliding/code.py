@@ -1,7 +1,7 @@
 """Python code of the sampled law, with the numbers of an adhesion law if a file gives them.
 
-The code is a module made from `templates/law.py.jinja`. It has functions of numbers, and a step that changes a state
-with named fields. `controllers` compiles the module into kernels and prints it as C99.
+The code is a module made from `templates/law.py.jinja`: functions of plain numbers, and a step function that changes a
+state with named fields. `controllers` compiles the module into kernels and prints it as C99.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _HELPERS = ("reciprocal", "exponential", "limited")
 
 @dataclass(frozen=True)
 class LawCode:
-    """The law as text of a Python module; `numbers` are those of an adhesion law, one entry per rail, or none."""
+    """The law as text of a Python module; `numbers`: parameter values of an adhesion law by rail, empty without one."""
 
     law: SampledLaw
     python: str
@@ -159,12 +159,12 @@ def _short(line: str) -> list[str]:
     return [part.replace(blank, " ") for part in lines]
 
 
-_DIGITS = 6  #: significant digits of a number in a formula; the code has all of them
+_DIGITS = 6  #: significant digits of a number in a formula; the code has all digits
 
 
 @dataclass(frozen=True)
 class LawNumbers:
-    """An adhesion law's numbers on one rail.
+    """Parameter values of an adhesion law for one rail condition.
 
     - parameters: names and values, SI, in the law's order; each point of a table is a parameter of its own.
     - torque: formula of Tb, N*m, with the numbers substituted; None for a law without a closed form.
@@ -176,11 +176,11 @@ class LawNumbers:
 
 
 def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, ...]:
-    """Return the numbers of `law` on each rail that it allows; InputError if `derivation` was made with another law."""
+    """Return the parameter values of `law` by rail condition; InputError if `derivation` was made with another law."""
     if derivation.adhesion != law.name:
         raise InputError(
-            f"law: {law.name!r} is not the law of the derivation, which is {derivation.adhesion!r}; derive with "
-            f"{law.name!r}"
+            f"law: {law.name!r} is not the adhesion law of the derivation, {derivation.adhesion!r}; call "
+            f"derive(law={law.name!r})"
         )
     fields: list[tuple[str, Any]] = [(name, getattr(law, name)) for name in law.parameter_names()]
     names = [

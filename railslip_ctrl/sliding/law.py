@@ -18,7 +18,7 @@ class LawGains:
     """Gains of the law of [Park2008] (45) and of its robust variants.
 
     - K: gain of the switching term, N*m, >= 0.
-    - D: gain on s, N*m/(m/s), > 0, a torque like K.
+    - D: gain on s, N*m/(m/s), > 0; D s is a torque.
     - rho: weight of the integral in s, 1/s, > 0.
     - k1, k2: adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i with phi = (Ta, omega).
     - layer: half width Phi of the boundary layer, m/s, >= 0; with 0 the law switches by sgn s.
@@ -49,28 +49,29 @@ class LawGains:
 def gain_parameters(gains: LawGains) -> dict[str, float]:
     """Return the gains as parameters of the generated law, by name.
 
-    InputError for a box whose lower bound is not below the upper one: equal bounds switch the projection off.
+    InputError for a box whose lower bound is not below the upper one: in the code equal bounds mean no projection.
     """
     values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
     values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}
     for i, (low, high) in enumerate(gains.box or (), 1):
         if not low < high:
             raise InputError(
-                f"box: {low:g} .. {high:g} of theta{i}_hat is not allowed; give a lower bound below the upper"
+                f"box: bounds {low:g} .. {high:g} of theta{i}_hat are not allowed; give a lower bound below the upper"
             )
         values |= {f"theta{i}_min": low, f"theta{i}_max": high}
     return values
 
 
 # The paper prints D in 1/h (meant: N*m per km/h), K in km/h^2 (N*m), rho in 1/h (1/s), and one k. With speeds in km/h,
-# theta1, s and omega are 3.6 times their SI values, and theta2 is unchanged. So k1 = k and k2 = 3.6^2 k.
+# theta1, s and omega are 3.6 times their SI values, and theta2 is unchanged: theta_hat_i' = k s phi_i becomes k1 = k
+# and k2 = 3.6^2 k in SI.
 TABLE4_LAWS = MappingProxyType(
     {
         column: LawGains(K=row.K, D=3.6 * row.D, rho=row.rho, k1=row.k, k2=3.6**2 * row.k)
         for column, row in TABLE4_SLIDING_PRINTED.items()
     }
 )
-"""Gains of [Park2008] Table 4, ASMC, by column, in the unit interpretation that reproduces Table 5; SI."""
+"""Gains of [Park2008] Table 4, ASMC, by column, in SI; their units are read so that Table 5 is reproduced."""
 
 PUBLISHED_LAW = TABLE4_LAWS["bristle"]
 
@@ -98,7 +99,7 @@ SOURCES = (
     *("model/plant.py", "core/notation.toml", "sliding/code.py", "sliding/derivation.py", "sliding/law.py"),
     *("sliding/notation.toml", "sliding/proof.py", "sliding/sampled_law.py", "sliding/templates/law.py.jinja"),
 )
-"""Source files from which the law without an adhesion law is generated."""
+"""Source files of the generated law that takes Ta as an argument."""
 
 
 def sources_hash() -> str:

@@ -134,7 +134,7 @@ class DerivationStep:
 
 @dataclass(frozen=True)
 class Checked:
-    """Base of the derivations: their steps in order."""
+    """Base class of the derivations; `steps` has the steps in order."""
 
     steps: tuple[DerivationStep, ...]
 

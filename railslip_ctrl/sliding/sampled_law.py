@@ -42,7 +42,7 @@ from .proof import CODE_NOTATION, SLIDING_NOTATION, sliding_symbol
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
 SWITCHING = sp.Symbol("switching", real=True)  #: switching function: sgn s, or its saturated form
 LIMITED = sp.Function("limited")  #: limited(x, limit): x limited to -limit .. limit
-DOMAIN_SHARE = 0.999  #: largest |sigma| over a law's `sigma_limit`; there 1/1000 of the bristle law's Fs is left
+DOMAIN_SHARE = 0.999  #: largest |sigma| as a ratio to a law's `sigma_limit`; the bristle force is then still Fs/1000
 
 _V_FILTERED = sp.Symbol("v_filtered", real=True)
 _DRIVE, _BOUNDARY = sp.Symbol("drive", real=True), sp.Symbol("boundary", nonnegative=True)

@@ -3,7 +3,7 @@
 `relay_loop` finds for the linear loop whether a sliding mode exists, exact root counts, and the largest value of each
 gain. Each limit holds with the other gains unchanged; two gains at their limits may be unstable together. In the
 adaptive loop the relay acts as a gain, which is near 0 for large excursions of s and grows as they become smaller.
-`fixed_step` simulates the nonlinear wheel. A run is lost if the wheel locks or leaves its adhesion law's domain.
+`fixed_step` simulates the nonlinear wheel. A run is lost if the wheel locks or leaves the domain of the adhesion law.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _OFFSET = 0.05  # initial slip velocity of a run above the reference slip veloci
 # Settling and measuring time, s, to be multiplied by the inertia scale; about 8 and 5 periods of the relay's cycle
 _SETTLING, _MEASURED = 30.0, 20.0
 _LONGEST = 60.0  # s, to be multiplied by the inertia scale; longer than any stop
-_LEAST_CROSSINGS = 3  # least number of upward zero crossings of s for a period; between three are two whole periods
+_LEAST_CROSSINGS = 3  # least number of upward zero crossings of s for a period; three enclose two whole periods
 
 
 def published_loop(
@@ -57,7 +57,7 @@ def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
 
 
 def largest_adaptation(loop: SurfaceLoop) -> float:
-    """Return the largest printed k with a stable loop without relay; inf without bound, 0 if no k is stable."""
+    """Return the largest k, as printed, for which the loop without relay is stable; 0 if none is, inf without bound."""
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
 
 
@@ -66,7 +66,7 @@ class Survivors:
     """Limit of each gain for a stable loop with actuator; the other gains are unchanged, the relay is a gain of 0.
 
     - stable: True if the linear part (rho, D, feed-forward) is stable; if not, the limits of k, rho and D are 0.
-    - k, rho, D: largest stable values, 1, 1/s and N*m/(m/s); inf without bound.
+    - k, rho, D: largest values with a stable loop, 1, 1/s and N*m/(m/s); inf without bound.
     - layer: smallest boundary layer without limit cycle for the loop's K, m/s; inf if every layer has a limit cycle.
     """
 
@@ -142,7 +142,7 @@ def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: fl
 
 
 def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
-    """Simulate the relay without adaptation at frozen speed; None without limit cycle, or if K is below the load."""
+    """Simulate the relay without adaptation at frozen speed; None without limit cycle, or if K < `SurfaceLoop.load`."""
     if not (0.0 < loop.largest_relay_gain < math.inf and loop.load < loop.gains.K):
         return None
     still = loop.with_gains(k1=0.0, k2=0.0)
@@ -204,8 +204,8 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
     """Decide the conditions of the published law with actuator; return them, and the findings for the conclusion.
 
     K in N*m, D in N*m/(m/s), the other gains as printed. The operating points have the bristle model's published
-    reference slip and 100 km/h. The finding `as_published` is the largest stable k without relay over the printed k, in
-    the as-published reading, by adhesion law and rail; empty if the vehicle is not the published one.
+    reference slip and 100 km/h. The finding `as_published` is the largest stable k without relay divided by the printed
+    k, in the as-published reading, by adhesion law and rail; empty if the vehicle is not the published one.
     """
     effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))

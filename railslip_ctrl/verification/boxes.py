@@ -42,15 +42,15 @@ def upper(value: arb) -> float:
 
 
 def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
-    """Return an increasing function on balls, enclosed by its values at the ends; narrower than flint's enclosure."""
+    """Return an increasing function for balls, by its values at their ends; this is narrower than flint's enclosure."""
     return lambda x: function(x.lower()).union(function(x.upper()))
 
 
 def _pieces(*parts: arb) -> arb:
     """Return the smallest ball that contains the values of all pieces that may apply.
 
-    Arguments are value and slack in turn, then the value of the last piece. A piece may apply if its slack can be >= 0.
-    If its slack is certainly > 0, no later piece applies.
+    The arguments are value and slack of each piece but the last, then the value of the last. A slack is >= 0 where
+    the condition of its piece holds. If a slack is certainly > 0, no later piece applies.
     """
     possible = []
     for value, slack in zip(parts[:-1:2], parts[1::2], strict=True):

@@ -123,7 +123,7 @@ def _rows(
         last = int(np.count_nonzero(np.isfinite(rows[lost, :, layout.SPEED]))) - 1
         v, sigma = rows[lost, last, : layout.SURFACE]
         raise DomainError(
-            f"simulation: the wheel locks or leaves the adhesion law at {last * step:.3f} s and {v / KMH:.4g} km/h: "
+            f"simulation: at {last * step:.3f} s and {v / KMH:.4g} km/h the wheel locks or leaves the law's domain: "
             f"slip velocity {sigma:.4g} m/s is outside +-{min(limit, largest_slip * v):.4g} m/s; give smaller gains"
         )
     return rows.transpose(2, 1, 0), step
@@ -205,7 +205,7 @@ def simulate_ideal(
 
 
 def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
-    """Return random forces over the wheel load, and noise of variance 1, both (seeds, steps)."""
+    """Return random forces divided by the wheel load, and noise of variance 1, both (seeds, steps)."""
     each = round(_NOISE_INTERVAL / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):

@@ -22,7 +22,7 @@ from railslip_ctrl.simulation import Run, Scenario, Signals, simulate
 
 from .reaching import derived
 
-TAIL = 1.0 / 3.0  #: last part of a stage, over its duration, in which the ultimate bound of abs(s) is computed
+TAIL = 1.0 / 3.0  #: share of a stage, at its end, in which the ultimate bound of abs(s) is computed
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Float
 
 
 def released_run(run: Run, *, above: float) -> ReleasedRun:
-    """Check the samples of a recorded run, `EVERY` seconds apart, at speeds `above` a bound, m/s.
+    """Check every `EVERY` s of a recorded run, at speeds > `above`, m/s, whether a released wheel cannot lock.
 
     The check uses the rail at the start of the run and the vehicle's actuator. InputError for an adhesion law with a
     state, or without interval enclosure.
@@ -124,7 +124,8 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
     weakest, row = force.least - noise, np.searchsorted(force.speeds * (1.0 + _ROUNDING), speeds)
     if np.any(row == force.speeds.size):
         raise InputError(
-            f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g} m/s, the highest speed of the force's bounds"
+            f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g} m/s, the highest speed of the "
+            "force's bounds; give a lower speed"
         )
     friction = vehicle.effective_viscous_friction * speeds / r  # upper bound of B omega
     falling = (force.most[row] + noise + vehicle.resistance.force(speeds)) / M

@@ -15,7 +15,8 @@ tube; for n = 0 the tube is the boundary layer. The torque differs from H by at 
 
     dT = |S| + (J/r) kappa |e_hat| + (theta + tau) R + 2 n,    R = R0 + P dT,
 
-with P the largest magnitude of the slip pole and R0 that of H' for dT = 0. Both are finite if P (theta + tau) < 1.
+with P the largest magnitude of the slip pole and R0 the largest |H'| for dT = 0. dT and R are finite if
+P (theta + tau) < 1.
 `boxes.largest` encloses P, R0 and the range of H over the box of speed, slip, load and rail. The rest is arithmetic on
 balls. The law is in continuous time, with a constant reference slip.
 """
@@ -57,7 +58,7 @@ _LOWEST_KMH = 10.0  #: lowest speed of the search for the lowest speed, km/h
 
 @dataclass(frozen=True)
 class PredictiveBox:
-    """The box over which the conditions are decided. Mass and wheel load range from empty to loaded.
+    """Ranges over which the conditions are decided. Mass and wheel load range from empty to loaded.
 
     - speed_kmh: range of train speeds, km/h.
     - slip: half width of the range of slip ratios, relative to the reference slip.
@@ -133,7 +134,7 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True)
 class RailCase:
-    """A rail of the verification, with the adhesion law at the empty wheel load and the reference slip.
+    """Rail condition of a verification, with the adhesion law at the empty wheel load and the reference slip.
 
     `scaled`: True if the law's force is proportional to the wheel load.
     """
@@ -145,7 +146,7 @@ class RailCase:
 
     @classmethod
     def of(cls, adhesion: RailAdhesion, rail: Rail, vehicle: Vehicle) -> Self:
-        """Make the case of a rail; the law is `scaled` if its parameters depend on the wheel load."""
+        """Make the record of a rail condition; `scaled` is True if the law's parameters depend on the wheel load."""
         heavy = vehicle.model_copy(update={"wheel_load": load_ratio(vehicle) * vehicle.wheel_load})
         laws = [adhesion.on(rail, one) for one in (vehicle, heavy)]
         return cls(rail, laws[0], laws[0].parameters() != laws[1].parameters(), adhesion.reference(rail, vehicle))
@@ -174,7 +175,7 @@ def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> lis
 
 @cache
 def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], slip: tuple[float, float]) -> Extremes:
-    """Enclose the extremes over a range of speeds and a range of slips, from empty to loaded."""
+    """Enclose the largest values (`Extremes`) over a range of speeds and a range of slips, from empty to loaded."""
     box: Box = {"speed": (speed_kmh[0] * KMH, speed_kmh[1] * KMH), "slip": slip, "load": (0.0, 1.0)}
 
     def enclosed(index: int, sign: float = 1.0, *, relative: float = 0.01, absolute: float = 0.0) -> Largest:
@@ -199,7 +200,7 @@ class Demand:
     - carried: largest K for which the command on S = 0 stays within the torque limits, for a falling and a rising
       torque, N*m/s.
     - left: rate of S towards 0 with the command at its limit, for a falling and a rising torque, N*m/s.
-    - off: largest deviation of the torque, dT, N*m.
+    - off: largest deviation dT of the torque from H, N*m.
     - rate: largest rate of H, R, N*m/s.
     - jump: largest jump of H, n, N*m.
     - found: enclosures of H, P, R0 and the deceleration over speed, slip and load.
@@ -372,7 +373,7 @@ def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dic
 
 
 def released(case: Case) -> Condition:
-    """Decide whether a wheel certainly does not lock if it is released from the reference slip and holding torque."""
+    """Decide whether a wheel cannot lock after its brake is released at the reference slip and the holding torque."""
     speeds, rows = PredictiveBox().speed_kmh, []
     heavy = {"wheel_load": load_ratio(case.vehicle) * case.vehicle.wheel_load, "mass": case.vehicle.mass_loaded}
     for laden in (case.vehicle, case.vehicle.model_copy(update=heavy)):
@@ -410,7 +411,7 @@ _STEPS = 7  # steps of the bisection, which resolve 1 % of the range
 
 
 class _Quantity(NamedTuple):
-    """A quantity whose tolerance is searched: field of `PredictiveBox`, far end of the search, and unit."""
+    """Quantity whose tolerance is searched: field of `PredictiveBox`, farthest value tried, and unit."""
 
     field: str
     most: float
@@ -464,7 +465,7 @@ def tolerances(case: Case) -> tuple[Tolerance, ...]:
 def verify_predictive(
     vehicle: Vehicle, adhesion: RailAdhesion, *, K: float | None = None, seed: int = 0
 ) -> Verification:
-    """Decide the conditions of the predictive law for a static adhesion law; for `bristle` take its static curve.
+    """Decide the conditions of the predictive law for a static adhesion law; its static curve replaces `bristle`.
 
     K: switching gain, N*m/s; by default that of `Predictive.for_vehicle`. InputError for another law with a state, or
     without interval enclosure.

@@ -1,4 +1,4 @@
-"""Conditions of the published law: Lyapunov argument by SymPy, reaching and theta by numbers over boxes and runs."""
+"""Conditions of the published law: Lyapunov argument, by SymPy; reaching and theta, by numbers over boxes and runs."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 
 def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide (40) for the published disturbances over the published run, the random force within 1 sigma.
+    """Decide (40) for the published disturbances over the published run, with the random force within 1 sigma.
 
     The numbers include the least gains for 3 sigma, at the reference point, and with the other inertia scale.
     """
@@ -303,7 +303,7 @@ def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
 
 
 def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide whether theta' = 0, as (47) assumes; after a stop of less than 25 s, also run the as-published scale."""
+    """Decide whether theta' = 0, as (47) assumes; for a stop below 25 s also with the as-published inertia scale."""
     here = parameter_step(vehicle, gains)
     steps = {vehicle.inertia_scale: here}
     if here["speed"] is None:

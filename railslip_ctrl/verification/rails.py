@@ -43,7 +43,7 @@ class RailAdhesion:
                 self.law.on(rail)  # raises InputError for dry rail if the law is for wet rail only
 
     def on(self, rail: Rail, vehicle: Vehicle) -> AdhesionLaw:
-        """Return the adhesion law on a rail under a vehicle's wheel."""
+        """Return the adhesion law for a rail condition and a vehicle's wheel load."""
         if isinstance(self.law, AdhesionLaw):
             return self.law.on(rail)
         law = published_law(self.law, rail, self.initial_speed_kmh, vehicle.wheel_load)
@@ -53,7 +53,7 @@ class RailAdhesion:
         return law
 
     def reference(self, rail: Rail, vehicle: Vehicle) -> float:
-        """Return the reference slip ratio on a rail; InputError without `slip` if the adhesion law has none."""
+        """Return the reference slip ratio on a rail; InputError if neither `slip` nor the adhesion law gives one."""
         slip = self.slip if self.slip is not None else self.on(rail, vehicle).reference_slip(rail)
         if slip is None:
             remedy = "`slip`" if isinstance(self.law, str) else "`slip`, or [reference_slip] in the law's file"

@@ -41,7 +41,7 @@ from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import sliding_symbol
 
-ADHESION_NOISE = RANDOM_SHARE  #: standard deviation of the random adhesion force over the wheel load
+ADHESION_NOISE = RANDOM_SHARE  #: standard deviation of the random adhesion force divided by the wheel load
 
 TORQUE_FRACTION = 0.05  #: bound of |Td|/Tb for Td = 0.05 Tb exp(-4t) sin(10 pi t) ([Park2008] p. 55)
 TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi  #: decay, 1/s, and frequency, rad/s, of Td
@@ -192,7 +192,7 @@ def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
 
 
 def law_parameters(**values: float) -> Any:
-    """Return the parameters of the generated law with some `values`; by default no boundary layer and no limits."""
+    """Return the parameters of the generated law with these `values`; by default no boundary layer or torque limits."""
     free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
     return generated_law().Parameters(**{**free, **values})
 
@@ -208,7 +208,7 @@ _HATS = tuple(sliding_symbol(f"theta{i}_hat") for i in (1, 2))
 _Mn, _Mp, _Bn, _rho = (sliding_symbol(name) for name in ("Mn", "Mp", "Bn", "rho"))
 
 _ERRORS = (sp.Symbol("a", real=True), sp.Symbol("b", real=True))  # Ta_hat/Ta - 1, v'_hat/v' - 1
-_INERTIA_ERROR = sp.Symbol("j", real=True)  # J of the law over the wheel's, less 1
+_INERTIA_ERROR = sp.Symbol("j", real=True)  # J of the law divided by the wheel's J, minus 1
 
 BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS, *_ERRORS, _INERTIA_ERROR)
 """Variables in each of which the bound is affine."""
@@ -298,8 +298,8 @@ def tolerated_error(
 ) -> float:
     """Return the largest relative error `name` for which K (N*m) satisfies (40) over the box.
 
-    The other error is that of the box. 0 if K is too small without error. Exact, because the bound is affine in the
-    error.
+    The other of the two errors has the range in the box. The result is 0 if K is too small even without error. It is
+    exact, because the bound is affine in the error.
     """
     errors: tuple[dict[str, Any], ...] = ({name: (0.0, 0.0)}, {name: (-1.0, 1.0)})
     exact, wrong = (_at_corners(vehicle, replace(box, **error)) for error in errors)
@@ -357,7 +357,7 @@ def approach(
 
 
 def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
-    """Search the largest s s'/|s| for s -> 0 at corners and random points of the box, then by L-BFGS-B from the best.
+    """Search for the largest s s'/|s| as s -> 0 at corners and random points of the box, then by L-BFGS-B.
 
     The resistance is that of the vehicle at the speed; the box limits the command. `known_mass=True` takes theta_hat1 =
     theta1 at each point instead of the box's range.
@@ -388,7 +388,10 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, kn
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:
-    """Return the points of `SEARCHED` at shares (0 to 1) of the box's sides, (12, n); Ta, Tr grow with the mass."""
+    """Return the points of `SEARCHED` at positions `shares` (0 to 1) along the box's sides, (12, n).
+
+    Ta and Tr grow with the mass.
+    """
     random = (-box.random_torque, box.random_torque)
     known = (box.theta_hat1, box.theta_hat2, box.torque_error, box.rate_error, box.inertia_error)
     sides = (box.speed, box.slip, box.adhesion_torque, box.mass, random, box.share, *known, (-1.0, 1.0))

@@ -157,6 +157,6 @@ class SurfaceLoop:
     def largest_relay_gain(self) -> float:
         """Largest stable relay gain, N*m/(m/s); inf if every gain is stable, 0 if no gain is stable.
 
-        A boundary layer wider than K over this gain does not oscillate.
+        A boundary layer wider than K divided by this gain does not oscillate.
         """
         return stable_up_to(lambda gain: self.is_stable(relay_gain=gain), SLOWEST / self.plant.gain)

@@ -48,7 +48,7 @@ SIGMAS = 3.0  #: bound of the random adhesion force in the designs, standard dev
 ESTIMATE_ERROR = 0.1  #: relative error of Ta_hat and of v'_hat in the designs
 BRAKE_GAIN = 0.15  #: relative error of the brake's gain (friction of the pads), either way
 INERTIA_ERROR = 0.05  #: relative error of the law's J
-GAIN_MARGIN = 1.1  #: K over the least gain of (40)
+GAIN_MARGIN = 1.1  #: ratio of K to the least gain of (40)
 LAYER_WIDTH = 0.2  # half width of the boundary layer, m/s: 0.7 % of slip at 100 km/h
 _BOX_MARGIN = 0.1  # margin of `parameter_box` at either side, relative to the farthest theta
 LOWEST_FRICTION = -0.25  # B at the end of the longest published stop, N m s: the printed 0.25 - 0.01 t at 50 s
@@ -228,7 +228,7 @@ def least_share() -> float:
 
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the box of theta for masses from empty to loaded and B from nominal to `LOWEST_FRICTION`, plus a tenth."""
+    """Return the box of theta for masses from empty to loaded and B from nominal to `LOWEST_FRICTION`, with margin."""
     first, second = (
         (min(0.0, corner) - _BOX_MARGIN * abs(corner), max(0.0, corner) + _BOX_MARGIN * abs(corner))
         for corner in farthest_theta(vehicle).tolist()
@@ -237,13 +237,13 @@ def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, f
 
 
 def farthest_theta(vehicle: Vehicle) -> Floats:
-    """Return theta at the loaded mass and with B = `LOWEST_FRICTION`, relative to the vehicle."""
+    """Return theta at the loaded mass and with B = `LOWEST_FRICTION`; the nominal values are the vehicle's."""
     far = reaching.with_friction(vehicle, LOWEST_FRICTION).model_copy(update={"mass": vehicle.mass_loaded})
     return reaching.true_theta(far, vehicle)
 
 
 _DURATION = 60.0  # s; longer than any stop of these designs
-_RISE_TOLERANCE = 1e-3  #: accepted rise of V in a run, relative to V(0); steps of 2 ms cause it
+_RISE_TOLERANCE = 1e-3  #: accepted rise of V in a run, relative to V(0); steps of 2 ms cause a smaller rise
 _BOUND_TOLERANCE = 0.01  #: accepted relative excess over a bound: a sampled relay overshoots by K0 times one step
 
 
@@ -295,7 +295,7 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
 
 
 def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool) -> Condition:
-    """Decide s s' < 0 of the plant by search; `limited=True` limits the torque to 0 .. full brake torque."""
+    """Decide by search whether s s' < 0 for the plant; `limited=True` limits the torque to 0 .. full brake torque."""
     box = robust_set(vehicle)
     if limited:
         box = replace(box, torque_limits=(0.0, full_brake_torque(vehicle)))
@@ -306,7 +306,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool)
 
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide (40) for a Ta_hat of the wrong rail: dry instead of wet, or wet instead of dry."""
+    """Decide (40) if Ta_hat is computed for the wrong rail: dry instead of wet, or wet instead of dry."""
     box = robust_set(vehicle)
     on_wet, on_dry = (reaching.vanishing_slip_torque(vehicle, rail) for rail in (Rail.WET, Rail.DRY))
     wet = on_wet / on_dry

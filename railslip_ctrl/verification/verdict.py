@@ -49,7 +49,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest `value` of one quantity, in `unit`, for which all conditions hold, with the others as in the box.
+    """Largest `value` of a quantity, in `unit`, for which all conditions hold; other quantities are as in the box.
 
     `limited_by` is the condition that fails for larger values.
     """

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "7f7245c0a73e0b24e29aea6839db33af5d9892ede94d5d3a68d6119a40160cd3"
+SOURCES_SHA256 = "18eae9362d7977f291e35c2237b3d1a77c0bcf9a79d73c02933cb4f90f615215"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

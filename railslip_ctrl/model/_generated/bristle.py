@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b0628216fb9bb4a4a805e0e91c13bc356172e2a60c7b28097aa801406158f1e4"
+SOURCES_SHA256 = "b4e2d3619c7b42e4c931a692f69bd7074c4747a616683b175840d5d25da61cc2"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "8e0cb6b546a13fdfd9788eea0be1dc0dd90fca783febbc80ce0546170b08fdaf"
+SOURCES_SHA256 = "038fb4efd4f07fdcd1515f415857556549c2e12ba0181f6b697cb07dfdc3070d"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

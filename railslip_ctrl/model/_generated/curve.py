@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "edda8c2e95a165eb9f08cd349d5f1aebc3a9ca6523244325ffa9f180dfab3c83"
+SOURCES_SHA256 = "21a69d70acaa2a97956534bc0c00f3cc7e0312339d73c92818fa647e2e1e946c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "542f7d4699a3acf32473b49ff6d6cfdeac415ed10271d94c1154f400e7608366"
+SOURCES_SHA256 = "a5cfbc8d272d1a4a17286c8dbaffb9203dbc42c002f96ddeaafde8aa07f08b2e"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "6795f5db5613aa4e2087561d2e75229c68676d55a454a6fca15cf0980719f126"
+SOURCES_SHA256 = "5453e0e98e304e827fd0abc0b2ce4deb67f8e647ca33a9347c36c242971d62c0"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

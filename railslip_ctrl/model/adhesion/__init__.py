@@ -54,7 +54,7 @@ def law_names() -> tuple[str, ...]:
 
 @checked
 def law_class(name: str) -> type[AdhesionLaw]:
-    """Class of the law with a `name`, hyphen or underscore ("tyre-lugre" is "tyre_lugre"); InputError if unknown."""
+    """Class of the law `name`; hyphens count as underscores ("tyre-lugre" is "tyre_lugre"); InputError if unknown."""
     laws = law_classes()
     key = name.strip().lower().replace("-", "_")
     if key not in laws:
@@ -70,9 +70,9 @@ def published_law(
 
     Slip velocity sigma = v - r omega and adhesion force Fa are positive in braking ([Park2008] (1), (2)). Parameters
     identified at the rig's wheel load of 34 500 N are converted to another load so that mu(slip) does not change. This
-    is the project's assumption; [Park2008] has only that load.
+    is the project's assumption; [Park2008] has results for 34 500 N only.
 
-    - name: one of `law_names`, hyphen or underscore. [Park2008] gives parameters for "beam" ((5)-(10), Table 1),
+    - name: one of `law_names`, with hyphens or underscores. [Park2008] gives parameters for "beam" ((5)-(10), Table 1),
       "bristle" ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); each law names its `source`.
     - rail: rail condition of the parameters: "dry" or "wet".
     - initial_speed_kmh: speed v0 at which braking starts, km/h, 30 to 140; not the present speed. A law whose published
@@ -94,8 +94,8 @@ def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_
     - vehicle: quarter car, whose wheel load and inertia scale are used.
     - initial_speed: v0, m/s, within 30 to 140 km/h.
 
-    In the as-published reading the stiffness of a dynamic law, N/m, is multiplied by 3.6 like M, J and B, as the change
-    of units requires. Errors as in `adhesion.published_law`.
+    The stiffness of a dynamic law, N/m, is multiplied by the inertia scale (3.6 for the as-published reading) like M, J
+    and B, as the change of units requires. Errors as in `adhesion.published_law`.
     """
     v0 = round(initial_speed / KMH, 9)  # 100 km/h, not 100.00000000000001
     return in_reading(published_law(name, Rail.DRY, v0, vehicle.wheel_load), vehicle)
@@ -122,7 +122,7 @@ class LawFile(Record):
     condition: Rail = Field(Rail.DRY, description="rail condition of the parameters")
     parameters: dict[str, Any] = Field({}, description="parameters of the law")
     polynomials: dict[str, Any] = Field(
-        {}, description="parameters over v0 in km/h: constant, coefficient of v0, of v0^2 ..."
+        {}, description="parameters as polynomials of v0 in km/h: constant, coefficient of v0, of v0^2 ..."
     )
     initial_speed_range: tuple[float, ...] = quantity("km/h", "lowest and highest v0 of the log", default=())
     reference_slip: dict[str, Any] = Field({}, description="reference slip ratios, or lists of them over v0")
@@ -132,7 +132,7 @@ class LawFile(Record):
     @classmethod
     def _low_and_high(cls, limits: tuple[float, ...]) -> tuple[float, ...]:
         if limits and not (len(limits) == 2 and 0 <= limits[0] <= limits[1]):
-            raise InputError(f"{limits} is not allowed; give the lowest and the highest speed, [30, 140] (km/h)")
+            raise InputError(f"{limits} is not allowed; give lowest and highest speed in km/h, for example [30, 140]")
         return limits
 
     @field_validator("polynomials")
@@ -141,7 +141,7 @@ class LawFile(Record):
         for name, each in polynomials.items():
             if not (isinstance(each, list) and each):
                 raise InputError(
-                    f"{name}: {shown(each)} is not allowed; give a list: constant, coefficient of v0 (km/h) ..."
+                    f"{name}: {shown(each)} is not allowed; give a list of coefficients of v0 (km/h), constant first"
                 )
             for coefficient in each:
                 to_unit(coefficient, "1", name=name, text_needs_unit=True)
@@ -162,7 +162,7 @@ class SlipsOverSpeed(Record):
         if {len(self.dry), len(self.wet)} != {len(self.initial_speed)}:
             raise InputError(
                 f"dry, wet: {len(self.dry)} and {len(self.wet)} slips for {len(self.initial_speed)} speeds; give one "
-                "for each speed"
+                "slip for each speed"
             )
         return self
 
@@ -176,7 +176,7 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
     - initial_speed_kmh: v0, km/h, for polynomials and reference slips over v0, and for a published law (default 100).
 
     Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) if the file has them.
-    InputError: the file cannot be read, or one line with file, key, value and bound.
+    InputError, in one line: the file cannot be read, or a key or value in it is not allowed.
     """
     path = given_path(path)
     if initial_speed_kmh is not None:
@@ -211,11 +211,11 @@ def law_of(keys: Any, where: str, initial_speed_kmh: float | None = None) -> Adh
 
 
 def keys_of(law: AdhesionLaw) -> dict[str, Any]:
-    """Keys from which `law_of` makes the law again; InputError for a law of the user's class."""
+    """Keys from which `law_of` makes the law again; InputError for a law that a user's file defines."""
     if law_classes().get(law.name) is not type(law):
         raise InputError(
-            f"adhesion: law {law.name!r} is a class in a file of the user and cannot be saved with a controller; use "
-            "a law of this package"
+            f"adhesion: law {law.name!r} is defined in a user's Python file and cannot be saved with a controller; "
+            "use a law of this package"
         )
     slips = {} if law.reference is None else {"reference_slip": {"dry": law.reference.dry, "wet": law.reference.wet}}
     return {
@@ -235,7 +235,7 @@ def wheel_load_in(path: str | Path) -> float | None:
 
 @checked
 def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
-    """Lowest and highest v0, km/h, for which the law in the file `path` was identified, or None. See `load_law`."""
+    """Lowest and highest v0, km/h, of the log of the law in the file `path`; None if not given. See `load_law`."""
     limits = _keys(given_path(path)).initial_speed_range
     return (limits[0], limits[1]) if limits else None
 
@@ -253,14 +253,14 @@ def _keys(path: Path) -> LawFile:
 
 
 def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
-    """Reference slips of a law; those over the initial speed are interpolated at `speed` (v0, km/h)."""
+    """Reference slips of a law; slips given as a function of v0 are interpolated at `speed`, km/h."""
     slips = keys.reference_slip
     if keys.condition is Rail.WET and "wet" in slips:  # a law for wet rail needs no slip for dry rail
         slips = {"dry": slips["wet"], **slips}
     if "initial_speed" not in slips:
         return slips
     if speed is None:
-        raise InputError(f"{where}: reference_slip depends on the initial speed, and none is given; give it (km/h)")
+        raise InputError(f"{where}: reference_slip depends on the initial speed; give this speed (km/h)")
     over = validated(SlipsOverSpeed, slips, f"{where}: reference_slip")
     return {rail: float(np.interp(speed, over.initial_speed, getattr(over, rail))) for rail in ("dry", "wet")}
 
@@ -268,12 +268,12 @@ def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
 def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
     """Initial speed v0, km/h; InputError if it is missing or outside the range of the polynomials."""
     if speed is None:
-        raise InputError(f"{where}: polynomials depend on the initial speed, and none is given; give it (km/h)")
+        raise InputError(f"{where}: polynomials depend on the initial speed; give this speed (km/h)")
     low, high = keys.initial_speed_range or (0.0, math.inf)
     if not low * (1 - _ROUNDING) <= speed <= high * (1 + _ROUNDING):
         raise InputError(
             f"{where}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g} km/h, the range of its "
-            "polynomials; give one inside"
+            "polynomials; give a speed inside"
         )
     return speed
 
@@ -287,7 +287,7 @@ def _python_law(path: Path) -> AdhesionLaw:
     law = record_in(path, "LAW", ("statement", "parameters"))
     if not isinstance(law, AdhesionLaw):
         raise InputError(
-            f"{file_name(path)}: LAW is a {type(law).__name__}, not an adhesion law with its parameters; assign a "
-            "record of a subclass of AdhesionLaw, LAW = MyLaw(...)"
+            f"{file_name(path)}: LAW is a {type(law).__name__}, not an adhesion law with parameters; assign an "
+            "instance of a subclass of AdhesionLaw, for example LAW = MyLaw(...)"
         )
     return law.model_copy(update={"file": file_name(path)})

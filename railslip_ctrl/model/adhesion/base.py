@@ -25,7 +25,7 @@ INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 
 RIG_WHEEL_LOAD = 34_500.0  #: wheel load, N, at which the published parameters were identified ([Park2008] Table 1)
 RANDOM_FORCE = 431.0  #: standard deviation of the random adhesion force at `RIG_WHEEL_LOAD`, N ([Park2008] p. 55)
-RANDOM_SHARE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: standard deviation of the random force over the wheel load
+RANDOM_SHARE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: standard deviation of the random force divided by the wheel load
 
 
 class ReferenceSlip(Record):
@@ -90,7 +90,7 @@ class AdhesionLaw(Record):
     reference: ReferenceSlip | None = Field(None, description="reference slip ratios, if given")
     file: str | None = Field(None, exclude=True, repr=False, description="name of the law's file, if any")
     of_wheel_load: float | None = Field(
-        None, exclude=True, repr=False, description="wheel load, N, for which its forces hold, if known"
+        None, exclude=True, repr=False, description="wheel load, N, for which the law's forces hold, if known"
     )
 
     @field_validator("of_wheel_load", mode="before")
@@ -163,7 +163,7 @@ class AdhesionLaw(Record):
         return tuple(float(getattr(self, name)) for name in self.parameter_names())
 
     def wet(self) -> Self:
-        """Law on wet rail: published dry parameters are replaced by wet ones, others multiplied by `wet_factors`."""
+        """Law on wet rail: the published dry set becomes the published wet set; `wet_factors` scale other dry sets."""
         if self.rail is Rail.WET:
             return self
         dry = self.published_sets.get(Rail.DRY, {})
@@ -254,7 +254,7 @@ def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:
     if not low <= real("initial speed", initial_speed_kmh) <= high:
         raise InputError(
             f"initial speed: {initial_speed_kmh:g} km/h is outside {low:g} to {high:g} km/h, "
-            "the range of the published adhesion parameters; give one inside"
+            "the range of the published adhesion parameters; give a speed inside"
         )
     number("wheel load", wheel_load, "N", gt=0)
 
@@ -263,7 +263,7 @@ def _is_positive(metadata: list[Any]) -> bool:
     return any(getattr(constraint, "gt", None) is not None and constraint.gt >= 0 for constraint in metadata)
 
 
-# --- available adhesion by speed, at any slip: an envelope of measurements, not an adhesion law ----------------------
+# --- available adhesion as a function of speed: an envelope of measurements, not an adhesion law ---------------------
 
 
 def curtius_kniffler(speed: ArrayLike) -> Floats | np.float64:

@@ -29,7 +29,7 @@ class Beam(AdhesionLaw):
     """Closed form of the brush model; u = Kx |lambda|/(3 mu_max N) is the share of the footprint that slides.
 
     For u <= 1, Fa = N mu_max [1 - (1 - u)^3] - N a sigma (3 u - 2 u^2). For u > 1 the whole footprint slides, and
-    Fa = N (mu_max - a sigma); the source does not give this case. Fa is odd in sigma. The slopes differ at u = 1.
+    Fa = N (mu_max - a sigma); the source does not give this case. Fa is odd in sigma. Its slope jumps at u = 1.
     """
 
     name: ClassVar[str] = "beam"
@@ -40,7 +40,7 @@ class Beam(AdhesionLaw):
 
     mu_max: float = quantity("1", "maximum adhesion coefficient", gt=0)
     a: float = quantity("s/m", "decrease of the friction coefficient with slip velocity", ge=0)
-    Kx: float = quantity("N", "travelling stiffness, force per unit slip at no slip", gt=0)
+    Kx: float = quantity("N", "travelling stiffness, force per unit slip at slip 0", gt=0)
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
@@ -59,7 +59,7 @@ class Beam(AdhesionLaw):
         return dry.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which the friction coefficient mu_max - a sigma is 0; text of the reason."""
+        """Slip ratio at speed `v`, m/s, at which the friction coefficient mu_max - a sigma is 0; and the reason."""
         limit = self.mu_max / (self.a * v) if self.a > 0.0 else np.inf
         return float(limit), "the friction coefficient mu_max - a sigma is no longer positive"
 

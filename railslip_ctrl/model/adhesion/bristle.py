@@ -28,7 +28,7 @@ class Bristle(AdhesionLaw):
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"beta": 2.0})
 
     alpha: float = quantity("N/m", "stiffness of the bristles", gt=0)
-    beta: float = quantity("m/s/N", "slope of 1/h, vs/(Fs - Fc)", gt=0)
+    beta: float = quantity("m/s/N", "inverse slope of 1/h, vs/(Fs - Fc)", gt=0)
     gamma: float = quantity("m/s", "slip velocity at which the adhesion vanishes, Fs vs/(Fs - Fc)", gt=0)
 
     @classmethod
@@ -38,8 +38,8 @@ class Bristle(AdhesionLaw):
         return cls(alpha=alpha, beta=beta, gamma=gamma, reference=REFERENCE).on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which sigma = gamma and the adhesion vanishes; text of the reason."""
-        return self.gamma / v, "the slip velocity reaches gamma, at which its adhesion vanishes"
+        """Slip ratio at speed `v`, m/s, at which sigma = gamma and the adhesion vanishes; and the reason."""
+        return self.gamma / v, "the slip velocity reaches gamma, at which the adhesion vanishes"
 
     @classmethod
     def statement(cls) -> Statement:
@@ -65,8 +65,8 @@ def published_coefficients(initial_speed_kmh: float, wheel_load: float) -> tuple
     """Parameters alpha (N/m), beta ((m/s)/N) and gamma (m/s) of (30)-(32) on dry rail.
 
     The unit that the source prints for alpha does not fit; N/m gives the published peaks. The parameters were
-    identified at 34 500 N. The project's assumption for another wheel load is that mu does not change: alpha then grows
-    with the load, and beta falls. InputError for v0 outside 30 to 140 km/h.
+    identified at 34 500 N. For another wheel load the project assumes that mu does not change: alpha then grows with
+    the load, and beta falls. InputError for v0 outside 30 to 140 km/h.
     """
     check_published_range(initial_speed_kmh, wheel_load)
     v0 = initial_speed_kmh

@@ -46,7 +46,7 @@ class Burckhardt(AdhesionLaw):
     c3: float = quantity("1", "slope of the fall with slip", ge=0)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio, the same for every `v`, at which mu is 0 (above 1 for published sets); text of the reason."""
+        """Slip ratio, the same for every `v`, at which mu is 0 (above 1 for published sets); and the reason."""
         reason = "the adhesion coefficient is no longer positive"
         if self.c3 == 0.0:
             return math.inf, reason

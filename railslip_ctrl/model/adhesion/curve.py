@@ -34,10 +34,10 @@ class Curve(AdhesionLaw):
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"beta": 2.0})
 
     alpha: float = quantity("N/m", "stiffness of the bristles", gt=0)
-    beta: float = quantity("m/s/N", "slope of 1/h, vs/(Fs - Fc)", gt=0)
+    beta: float = quantity("m/s/N", "inverse slope of 1/h, vs/(Fs - Fc)", gt=0)
     gamma: float = quantity("m/s", "slip velocity at which the adhesion vanishes, Fs vs/(Fs - Fc)", gt=0)
     R: float = quantity("m/s^2", "slip acceleration of the ramp", gt=0, default=SLIP_ACCELERATION)
-    v0: float = quantity("m/s", "initial speed; the slip velocity of the ramp is the slip ratio times it", gt=0)
+    v0: float = quantity("m/s", "initial speed; on the ramp the slip velocity is the slip ratio times v0", gt=0)
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
@@ -48,8 +48,8 @@ class Curve(AdhesionLaw):
         return law.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio, the same for every `v`, at which lambda v0 of the ramp reaches gamma; text of the reason."""
-        return self.gamma / self.v0, "the slip velocity of its ramp reaches gamma, at which its adhesion vanishes"
+        """Slip ratio, the same for every `v`, at which lambda v0 of the ramp reaches gamma; and the reason."""
+        return self.gamma / self.v0, "the slip velocity on the ramp reaches gamma, at which the adhesion vanishes"
 
     @classmethod
     def statement(cls) -> Statement:
@@ -90,10 +90,10 @@ def _curve_function() -> Any:
 _DEPTH = 37.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 _NEWTON_STEPS = 8  # enough for every start of the integration
-_BLOCK = 256  # slip ratios at once: their arrays stay in the cache; a whole table at once takes four times as long
+_BLOCK = 256  # slip ratios computed at once: their arrays stay in the cache; a whole table takes four times as long
 
-# Between slips close together 5 nodes have a smaller error than that, if over the gap Phi grows by at most _STEP and
-# its slope by at most _BEND over the width of the gap, and gamma is at least _GAPS gaps away.
+# Between close slip velocities 5 nodes have an error below 2e-13 under three conditions: over the gap Phi grows by at
+# most _STEP, the change of its slope times the gap is at most _BEND, and gamma is at least _GAPS gaps away.
 _STEP, _BEND, _GAPS = 0.4, 0.05, 10.0
 _FEW_NODES, _FEW_WEIGHTS = np.polynomial.legendre.leggauss(5)
 

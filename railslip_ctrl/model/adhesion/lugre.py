@@ -15,7 +15,7 @@ from .base import AdhesionLaw, Statement
 
 
 class Dahl(AdhesionLaw):
-    """Dahl's law Fa = alpha z, z' = sigma - alpha |sigma| z/Fc: Coulomb friction with presliding; steady Fa is Fc."""
+    """Dahl's law Fa = alpha z, z' = sigma - alpha |sigma| z/Fc: Coulomb friction with presliding; steady |Fa| is Fc."""
 
     name: ClassVar[str] = "dahl"
     title: ClassVar[str] = "Dahl model, dynamic"

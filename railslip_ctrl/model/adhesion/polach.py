@@ -45,7 +45,7 @@ class Polach(AdhesionLaw):
 
     kA: float = quantity("1", "reduction of the stiffness in the area of adhesion", gt=0)
     kS: float = quantity("1", "reduction of the stiffness in the area of slip", gt=0)
-    mu0: float = quantity("1", "friction coefficient at no slip velocity", gt=0)
+    mu0: float = quantity("1", "friction coefficient at slip velocity 0", gt=0)
     A: float = quantity("1", "friction coefficient at infinite slip velocity over mu0", gt=0, le=1)
     Bw: float = quantity("s/m", "decay of the friction coefficient with slip velocity (B in the source)", ge=0)
     G: float = quantity("Pa", "shear modulus", gt=0, default=SHEAR_MODULUS)

@@ -19,15 +19,15 @@ from railslip_ctrl.model.vehicle import Rail
 
 from .base import AdhesionLaw, Statement
 
-MOST_KNOTS = 1000  #: most rows of a table; an adhesion curve has a few dozen
+MOST_KNOTS = 1000  #: largest number of points of a table; an adhesion curve has a few dozen
 WET_FACTOR = 0.5  #: adhesion on wet rail over that on dry rail, as for the other laws
 
 
 class LookupTable(AdhesionLaw):
     """Tabulated law Fa = N mu(lambda), mu by monotone cubic interpolation (PCHIP), odd in lambda.
 
-    `slip` rises strictly within 0 to 1; if the first knot is above 0, (0, 0) precedes it. `mu` is not negative. Between
-    knots the curve does not overshoot, its slope is continuous, and it ends at its last knot. In a file:
+    `slip` rises strictly within 0 to 1; if the first knot is above 0, the knot (0, 0) is added. `mu` is not negative.
+    Between knots the curve does not overshoot, and its slope is continuous. It ends at the last knot. In a file:
 
         law = "table"
         [parameters]
@@ -104,9 +104,9 @@ class LookupTable(AdhesionLaw):
         return self.model_copy(update={"mu": tuple(WET_FACTOR * mu for mu in self.mu), "rail": Rail.WET})
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio just above the last knot, the same for every `v`; text of the reason."""
+        """Slip ratio just above the last knot, the same for every `v`; and the reason."""
         limit = math.inf if self.slip[-1] == 1.0 else float(np.nextafter(self.slip[-1], 1.0))
-        return limit, "its table ends there"
+        return limit, "the table ends there"
 
     @classmethod
     def statement(cls) -> Statement:
