@@ -32,7 +32,7 @@ from .observer import FilterObserver, Form, KalmanObserver, ObserverState, Torqu
 
 
 class Channels:
-    """Filters signals as the observer filters Ta: each signal is the brake torque of a wheel at standstill."""
+    """Filters signals as the observer filters Ta: the observer gets each signal as brake torque of a stopped wheel."""
 
     def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer
@@ -116,7 +116,7 @@ class Recorder:
         self._last_used = False
 
     def add(self, rows: Floats, used: Flags, apart: Flags) -> None:
-        """Add rows (5, k), as the first columns of `BrakedRows`; masks: rows `used`, rows `apart`, after a gap."""
+        """Add `rows`, (5, k), the first fields of `BrakedRows`; masks: rows `used`, and rows `apart` after a gap."""
         if not used.any():
             self._last_used = bool(used[-1]) if used.size else self._last_used
             return
@@ -226,6 +226,7 @@ LEAST_PULL = 0.02  # of wheel load times radius; with a lower torque the brake c
 # Physical limits of a row. A wheel far faster than its braked train indicates a wrong unit or column.
 _FASTEST = 200.0  # m/s
 _LARGEST_TORQUE = 1e6  # N*m
+_LIMITS = {"fastest": _FASTEST / KMH, "largest": _LARGEST_TORQUE}  # km/h, N*m, for messages
 _LEAST_SLIP = -0.5  # slip ratio under brake
 _LEAST_FREE_SLIP = -2.0  # slip ratio without brake
 _TOLERATED_SHARE = 0.01  # of the rows; a log with more impossible rows, or rows of the wrong sign, is refused
@@ -370,7 +371,7 @@ class AdhesionStream:
         for name, (wrong, value) in checks.items():
             if wrong.any() and not self.survey.first_implausible:
                 at = int(np.argmax(wrong))
-                self.survey.first_implausible = message(name, line=rows.line[at], value=value[at])
+                self.survey.first_implausible = message(name, line=rows.line[at], value=value[at], **_LIMITS)
             bad |= wrong
         self.survey.implausible += int(bad.sum())
         return rows.line[~bad], signals[:, ~bad]

@@ -343,7 +343,7 @@ def table_intervals(table: Fit) -> Floats:
 
 
 def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, value: Floats, intervals: Floats) -> PeakSlip:
-    """Build a peak with its reference slip; `value` is (slip, mu), `intervals` are theirs."""
+    """Build a peak with its reference slip; `value` is (slip, mu), `intervals` are the intervals of slip and mu."""
     slip, coefficient = value.tolist()
     (low, high), (least, most) = np.maximum(intervals, 0.0).tolist()
     if slip <= _LOWEST_SLIP:
@@ -397,7 +397,7 @@ class ParameterPolynomial:
 
     @property
     def misses(self) -> str:
-        """Warning if the values differ from the polynomial by more than their errors explain; else empty."""
+        """Warning if the values differ from the polynomial by more than their standard errors explain; else empty."""
         if not self.misfit_probability < _IMPROBABLE:
             return ""
         return message("misses", name=self.name, probability=self.misfit_probability)
@@ -420,8 +420,8 @@ class ParameterPolynomial:
 def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> tuple[ParameterPolynomial, ...]:
     """Polynomials of the fitted parameters of one model, weighted by the standard errors if all values have one.
 
-    `initial_speeds` in m/s. The degree is 2, or the number of distinct speeds less one if that is lower. If a fit has a
-    parameter on a bound at infinity, its log is not used for that parameter.
+    `initial_speeds` in m/s. The degree is 2, or the number of distinct speeds less one if that is lower. A log
+    in whose fit a parameter rests on an infinite bound is not used for this parameter.
     """
     v0 = np.array(initial_speeds) / KMH
     degree = _degree(v0)
