@@ -29,7 +29,7 @@ from .settings import HELP, option, switch
 @click.command(context_settings=HELP)
 @options.case_options()
 @options.envelope_options("none; margins are computed at operating points")
-@options.gain_options("Table 4's")
+@options.gain_options("those of Table 4")
 @options.controller_option("a PI of --kp, --ki and --lead")
 @option(
     "--lead",
@@ -88,7 +88,10 @@ def command(
         below = given.controlled_from / KMH
         slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
         if slow:
-            options.warn(f"--controller: no slip control below {below:.4g} km/h, but judged at {min(slow):g} km/h")
+            options.warn(
+                f"--controller: it does not control slip below {below:.4g} km/h, but is judged at {min(slow):g} km/h; "
+                "give a higher --speed"
+            )
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
         for point in points

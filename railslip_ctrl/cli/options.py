@@ -16,13 +16,14 @@ from click.core import ParameterSource
 
 from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.core.arguments import sized
-from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, RailslipError
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError, RailslipError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
 from railslip_ctrl.design.catalogue import BY_RULE, NAMES
 from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.model.adhesion import (
+    INITIAL_SPEED_RANGE_KMH,
     AdhesionLaw,
     ReferenceSlip,
     initial_speeds_in,
@@ -207,14 +208,14 @@ class CaseOptions:
             slip = slip if self.slip is None else self.slip
             if slip is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
-            try:
-                for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds):
-                    car, v0 = _with_mass(vehicle, mass), self.initial_speed
-                    points.append(operating_point(law, car, speed * KMH, slip, rail=rail, initial_speed_kmh=v0))
-            except DomainError as error:
-                if self.slip is not None:
-                    raise
-                raise InputError(f"--speed: the reference {' '.join(str(error).split(': ', 1))}") from None
+            for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds):
+                car, v0, (limit, reason) = _with_mass(vehicle, mass), self.initial_speed, law.domain_limit(speed * KMH)
+                if self.slip is None and slip >= limit:
+                    raise InputError(
+                        f"--speed: the reference slip {slip:g} at {speed:g} km/h is outside the domain of adhesion "
+                        f"{law.name!r}: {reason}; give a lower --speed, or a --slip below {limit:.4g}"
+                    )
+                points.append(operating_point(law, car, speed * KMH, slip, rail=rail, initial_speed_kmh=v0))
         if max(speeds) > self.initial_speed:
             other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
             warn(
@@ -287,16 +288,19 @@ class CaseOptions:
 
     def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
         """Return the adhesion law of a run; an error about v0 (m/s) names the option that set it."""
+        if is_file(name):
+            return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
         try:
-            if is_file(name):
-                return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
             return named_law(name, vehicle, v0)
-        except InputError as error:
-            if _is_given("initial_speed") or not str(error).startswith("initial speed: "):
+        except InputError:
+            low, high = INITIAL_SPEED_RANGE_KMH
+            if _is_given("initial_speed") or low <= v0 / KMH <= high:
                 raise
-            option = "--speed:" if self.speeds else "--scenario: its initial speed"
-            message = str(error).removeprefix("initial speed: ")
-            raise InputError(f"{option} {message}; give the law's v0 with --initial-speed") from None
+            option = "--speed" if self.speeds else "--scenario"
+            raise InputError(
+                f"{option}: the run begins at {v0 / KMH:g} km/h, outside {low:g} to {high:g} km/h, the range of v0 of "
+                f"adhesion {name!r}; give the law's v0 with --initial-speed"
+            ) from None
 
     def _run_vehicle(self, own: Vehicle) -> Vehicle:
         """Return the vehicle of the file, or of the scenario (`own`), with the options applied."""
@@ -373,14 +377,14 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
     )
     v0 = "Speed v0 at the start of braking, km/h, 30 to 140; the adhesion law depends on it."
     begin = ("Speed at which the brake is applied, km/h.", _SCENARIO)
-    speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; an envelope has its own")
+    speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; with an envelope its speeds")
     vehicle = "Vehicle file: .toml, or .yaml of railtoolkit; published adhesion is scaled with the wheel load."
     mass = f"Quarter-car mass M, kg; the wheel load does not change{'; repeatable' * masses}."
     scale = (
         "Factor on M, J and B, in runs also on the stiffness of a published dynamic law. 1: SI; 3.6: units as in the "
         "paper."
     )
-    unnamed = _SCENARIO if run else of_envelope or "bristle; an envelope has its own"
+    unnamed = _SCENARIO if run else of_envelope or "bristle; with an envelope its laws"
     late = "Actuator dead time, s; ignored by linearize."
     own = "the vehicle's"
     of_law = [
@@ -430,8 +434,8 @@ def envelope_options(default_text: str) -> Option:
     """Return the options for a verdict over an envelope; `default_text` is for the help."""
     nominal = switch("--nominal", "Judge the envelope without tolerances.")
     text = (
-        "Judge over an envelope: default ([envelope] in the vehicle's file, or the default envelope without it) or a "
-        "TOML file. --rail, --adhesion, --speed, --slip and --loaded narrow it."
+        "Judge over an envelope: a TOML file, or default, which is the table [envelope] of the vehicle's file, or the "
+        "default envelope if the file has no such table. --rail, --adhesion, --speed, --slip and --loaded narrow it."
     )
     envelope = option("--envelope", "default|FILE", text, default_text)
     return lambda function: envelope(nominal(function))

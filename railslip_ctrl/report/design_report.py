@@ -143,7 +143,7 @@ def _why(report: DesignReport) -> Iterator[str]:
         return
     phrase = f"Ms ≤ 2 at all {int(judged.points.operating.sum())} operating points"
     if not report.nominal:
-        phrase += f", stable at all {len(judged.points)} with tolerances"
+        phrase += f", stable at all {len(judged.points)} points with tolerances"
     yield f"{phrase}."
     factor = best.choice.reference_factor
     if factor < 1.0:
@@ -157,13 +157,14 @@ def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
     best, good = report.trials[0], report.qualified
     if not good:
         peer = report.peer
-        locks = f"{best.locked} of {len(best.stops) + len(best.harder)}, mean {_metres(best)}"
+        locks = f"{best.locked} of {len(best.stops) + len(best.harder)}, mean stop {_metres(best)}"
         phrase = f"fewest stops with a locked wheel: {locks}"
         if peer is not None and peer is not best:
-            phrase += f"; slide protection: {peer.locked} of {len(peer.stops) + len(peer.harder)}, mean {_metres(peer)}"
+            runs = len(peer.stops) + len(peer.harder)
+            phrase += f"; slide protection: {peer.locked} of {runs}, mean stop {_metres(peer)}"
         remedy, tried = report.remedy, f"{100 * FASTER[-1]:g} % of dead time and lag"
         yield "Choice", f"{phrase}."
-        helps = f"none of the faster brakes tried, down to {tried}"
+        helps = f"none of the faster brakes helps, down to {tried}"
         if remedy is not None:
             kind, mean = _kind(remedy.trial.choice), _metres(remedy.trial)
             helps = f"a brake with {remedy.description}: {kind} then qualifies, mean stop {mean}"
@@ -306,11 +307,11 @@ def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
         locks = "the wheel locks" if any(stop.locks for stop in item.stops) else "no lock"
         verdict = f"NOT JUDGED: {item.name} is {item.reason} and has no margins"
         if (judged := item.judgement) is not None:
-            start = "at no speed" if judged.usable_from_kmh is None else f"from {judged.usable_from_kmh:g} km/h up"
-            held = "" if judged.nominal else " with every tolerance"
+            start, held = judged.usable_from_kmh, "stable" if judged.nominal else "stable with every tolerance"
+            state = f"not {held} at the highest speed" if start is None else f"{held} from {start:g} km/h up"
             worst = worst_cells(judged.worst)
             ms = f"{worst[0]}: {worst[1]} at {worst[2]}" if judged.worst.margins else f"unstable at {worst[2]}"
-            verdict = f"{judged.verdict.upper()}: {item.name} is stable{held} {start}; {ms}"
+            verdict = f"{judged.verdict.upper()}: {item.name} is {state}; {ms}"
         yield "Yours", f"{verdict}. Longest stops: {phrase}; {locks}."
 
 
@@ -533,7 +534,7 @@ def _candidates(report: DesignReport) -> Section:
         if not any(_same(choice, trial.choice) for trial in report.trials):
             rows.append((*_choice_cells(choice), choice.reason or "less robust than the designs that ran"))
     head = ("Candidate", "Stable from, km/h", "Robust from, km/h", "Worst Ms where stable", "Reason")
-    rest = Table(head, rows, caption=f"Candidates that do not qualify, or are {NOT_RUN} as others are better.")
+    rest = Table(head, rows, caption=f"Candidates that do not qualify, or are {NOT_RUN} because others are better.")
     return Section("candidates", "Candidates", (Paragraph(text), ran, *([rest] if rows else [])))
 
 
@@ -685,7 +686,7 @@ def _gains(report: DesignReport) -> Section | None:
         return None
     kp, ki = report.gains.chosen
     alt = f"Contours of the worst Ms over kp and ki on logarithmic axes; the design at kp {short(kp)}, ki {short(ki)}."
-    text = "Worst Ms for gains near the recommended ones, same lead, at operating points of lowest and highest speed."
+    text = "Worst Ms for gains near the recommended ones, with the same lead, at the lowest and the highest speed."
     return Section("gains", "Gains", (Picture("gains", text, alt),))
 
 

@@ -262,7 +262,8 @@ def check_directory(directory: Path, names: Iterable[str]) -> None:
         raise InputError(f"--out: {str(directory)!r} cannot be created or written to; choose another folder")
     for name in names:
         if (directory / name).is_dir():
-            raise InputError(f"--out: {str(directory / name)!r} is a folder; remove it or choose another folder")
+            path = str(directory / name)
+            raise InputError(f"--out: a folder has the name of the file {path!r}; remove it, or give another --out")
 
 
 def _is_writable(directory: Path) -> bool:

@@ -57,7 +57,7 @@ class Pictures:
         if failure:
             names = ", ".join(path.name for path in written)
             raise InputError(
-                f"--out: not every picture could be made ({failure}); written to {str(directory)!r}: {names}; "
+                f"--out: not every picture could be made ({failure}); {str(directory)!r} has of this run: {names}; "
                 "do not use other files of this folder"
             )
         return len(written)

@@ -152,7 +152,7 @@ def _sensitivity_parts(sensitivity: Sensitivity) -> list[RenderableType]:
             ("Runs", f"{sensitivity.seeds} seeds for each column, the same for reading and alternative"),
             ("Reading", f"rms deviation {sensitivity.base_rms_deviation_percent:.2f} %"),
             ("Rms", "deviation from the sixteen published numbers; - where runs did not stop"),
-            ("Largest change", "of a number from the reading, in affected columns in which all runs stopped"),
+            ("Largest change", "of a number by the alternative, in affected columns in which all runs stopped"),
         ]
     )
     columns = ("Rule", "Alternative", "Largest change", "Rms, %", "Did not stop")

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "7f7245c0a73e0b24e29aea6839db33af5d9892ede94d5d3a68d6119a40160cd3"
+SOURCES_SHA256 = "514c138ebc2480b768e082417bca2243d47ac8b55e14e4b739721b17f9ab36d6"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

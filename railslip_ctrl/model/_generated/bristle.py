@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b0628216fb9bb4a4a805e0e91c13bc356172e2a60c7b28097aa801406158f1e4"
+SOURCES_SHA256 = "927b46fc7187f8b9cf6e4d2d426c285e2e9bd54867be1a01c7f844c7ee90f0ce"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "8e0cb6b546a13fdfd9788eea0be1dc0dd90fca783febbc80ce0546170b08fdaf"
+SOURCES_SHA256 = "6090a3ca46adb95da0965f7273c6fb1d33ecc322b95357a8abd6b0620c80bda6"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

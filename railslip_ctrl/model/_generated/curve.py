@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "edda8c2e95a165eb9f08cd349d5f1aebc3a9ca6523244325ffa9f180dfab3c83"
+SOURCES_SHA256 = "b3682e8971437e1c4e2304a7b172d0d4daf38e946655a373214e69dafa5aa90c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

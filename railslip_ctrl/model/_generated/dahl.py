@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "542f7d4699a3acf32473b49ff6d6cfdeac415ed10271d94c1154f400e7608366"
+SOURCES_SHA256 = "f11dbc607de68c834380f24c3d6954f2363644db97689e3fe1ad808156bb6c08"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "6795f5db5613aa4e2087561d2e75229c68676d55a454a6fca15cf0980719f126"
+SOURCES_SHA256 = "2a0cf3d251cc4d72ad12caed7b3315493bccc3f2f834a875fc3abfc45b0df604"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "d54e6c025d02ca15315c2b11d96fc318421f3fec8402e2fa0d9dc8c74575b5d6"
+SOURCES_SHA256 = "9a72d3f70255567971107402f3472fa136585e775b114cd9a48e92b05d84129f"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
