@@ -99,7 +99,11 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
     "--zero", "NAME=VALUE", "Sensor offset of a quantity's column, SI or with a unit; repeatable.", "0", multiple=True
 )
 @option(
-    "--fix", "PARAMETER=VALUE", "Parameter that is not fitted, SI or with a unit; repeatable.", "none", multiple=True
+    "--fix",
+    "PARAMETER=VALUE",
+    "Value of a parameter that is not fitted, SI or with a unit; repeatable.",
+    "none",
+    multiple=True,
 )
 @option(
     "--bound",

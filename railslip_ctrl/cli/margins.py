@@ -57,7 +57,7 @@ def command(
     """Compute stability margins with the exact dead time at operating points, or a verdict over an envelope.
 
     The controller is a PI, any linear controller or the seeking controller; a discrete controller has a sampled loop.
-    A controller from a file is judged at its own reference slip unless --slip is given. Exit status 1 if a loop is
+    A controller from a file is judged at its own reference slip, or at --slip if given. Exit status 1 if a loop is
     unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
@@ -113,7 +113,7 @@ def given_controller(
 ) -> Any:
     """Return the controller that `--controller` names, for the vehicle of an operating point.
 
-    A controller without a reference slip gets `reference`, or that of the adhesion law if `reference` is None.
+    A controller without a reference slip gets `reference`, or the adhesion law's if `reference` is None.
     """
     from railslip_ctrl.design.catalogue import controller_named, default_column
 

@@ -47,7 +47,7 @@ from .settings import Option, json_option, option, path_option, preset, switch
 R = TypeVar("R")
 
 _WARNED = "railslip_ctrl.warned"  # key in the command's context: set of warnings already printed
-_LOAD_TOLERANCE = 0.1  # relative deviation from the log's wheel load without a warning; about that of a half-full car
+_LOAD_TOLERANCE = 0.1  # relative deviation from the log's wheel load without a warning; about a half-full car
 _SPEED_TOLERANCE = 0.1  # relative deviation from the log's v0 without a warning; changes mu_max of Table 1 by 3 %
 
 DEFAULT_ENVELOPE = "default"
@@ -79,7 +79,7 @@ class Number(click.ParamType[float]):
 
 
 def whole_number(option: str, text: str, least: int, largest: int) -> int:
-    """Return the whole number in an option's `text`; InputError if it is none, or not from `least` to `largest`."""
+    """Return the whole number in an option's `text`; InputError if there is none, or if it is out of range."""
     if not (text.isascii() and text.isdigit() and len(text) <= 20 and least <= int(text) <= largest):
         raise InputError(f"{option}: {text[:60]!r} is not allowed; give a whole number from {least} to {largest}")
     return int(text)
@@ -495,8 +495,8 @@ def _warn_of_wheel_load(law: AdhesionLaw, path: Path, wheel_load: float) -> None
     load = from_file("--adhesion", path, wheel_load_in)
     if load is not None and law.has_forces() and abs(wheel_load / load - 1.0) > _LOAD_TOLERANCE:
         warn(
-            f"--adhesion: {path} was identified at a wheel load of {load:g} N and is used at {wheel_load:g} N; its "
-            "force parameters do not scale with the load"
+            f"--adhesion: {path} was identified at a wheel load of {load:g} N and is used at {wheel_load:g} N; the "
+            "law's force parameters do not scale with the load"
         )
 
 
@@ -539,10 +539,10 @@ def refuse_given(*options: str, because: str) -> None:
 
 
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
-    """Return the gains; None, for those of Table 4, if neither is given; InputError if only one is given."""
+    """Return the given gains; None, which stands for Table 4, if neither is given; InputError if only one is given."""
     if (kp is None) != (ki is None):
         given, missing = ("--kp", "--ki") if ki is None else ("--ki", "--kp")
-        raise InputError(f"{missing}: missing, but {given} is given; give both, or neither for those of Table 4")
+        raise InputError(f"{missing}: missing, but {given} is given; give both, or neither for the gains of Table 4")
     return None if kp is None or ki is None else PIGains(kp=kp, ki=ki)
 
 

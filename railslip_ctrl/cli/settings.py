@@ -25,7 +25,7 @@ _ARGUMENTS = {
 
 
 def options_named(text: str) -> str:
-    """Replace the names of arguments in a message of the package by those of the options."""
+    """Replace the names of arguments in a message of the package by the names of the options."""
     argument = re.compile(f"`({'|'.join(_ARGUMENTS)})`")
     return argument.sub(lambda match: "--" + (_ARGUMENTS[match[1]] or match[1].replace("_", "-")), text)
 

@@ -6,9 +6,9 @@ samples. Each cell has the number of samples, the mean and scatter of mu, and mo
 two-point Gauss rule gives the model's mean over the cell, exactly for a cubic. The widest cells are 0.005 wide in slip
 ratio.
 
-The noise of neighbouring samples is correlated by the observer's filter, by the rig and by the run. Its long-run
-variance (that of means over long times) is therefore computed from sums over stretches of time. If the number of
-stretches, or of sums by stretch and cell, exceeds its limit, neighbouring stretches are added in pairs.
+The noise of neighbouring samples is correlated by the observer's filter, by the rig and by the run. The long-run
+variance of the noise (the variance of means over long times) is therefore computed from sums over stretches of time. If
+the number of stretches, or of sums by stretch and cell, exceeds its limit, neighbouring stretches are added in pairs.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class Accumulator:
     """Sums over samples that arrive in blocks; the result does not depend on the block size.
 
     `time_constant` is that of the observer, s. `slip_counts` counts samples by slip ratio in steps of 1e-6, so that
-    they can be split at any slip.
+    samples can be split at any slip.
     """
 
     def __init__(self, time_constant: float) -> None:

@@ -111,7 +111,7 @@ def differences(
 # Rail, weather and temperature shift all rows of a test alike. A single long-run variance would attribute the whole
 # shift to every parameter and make all intervals too wide. If the tests disagree, the covariance is therefore that of
 # the delete-one-test jackknife (CV3 of [MacKinnon2023]), with Student's distribution of (tests - 1) degrees of freedom.
-# It is valid for any correlation within a test.
+# The jackknife is valid for any correlation within a test.
 
 
 LEAST_TESTS = 5  #: tests needed for the jackknife; with fewer, Student's quantile is too large to be useful
@@ -172,7 +172,7 @@ def _disagree(known: Floats, gradient: Floats) -> bool:
 # --- intervals from the profile of the likelihood ------------------------------------------------------------------
 
 # An interval ends where the profiled sum of squares has risen by the amount that gives the symmetric interval if the
-# parameter is nearly linear: the vertical adjustment of [ChandlerBate2007].
+# model is nearly linear in the parameter: the vertical adjustment of [ChandlerBate2007].
 
 
 _REACH = 2.6  # first trial distance from the best value, in standard errors; 1 size of the parameter if that is less
@@ -183,7 +183,7 @@ _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of
 _PROFILE_CONVERGED = 1e-6  # relative tolerance of the sum of squares
 _PROFILE_SEARCH = 60  # most evaluations of the residuals and their Jacobian
 _SLOPE_STEP = 1e-3  # difference step, in standard errors, or relative to the value if that is less
-_TOLERATED = 0.125  # accepted relative error of a symmetric interval's half width; twice that for the quadratic rise
+_TOLERATED = 0.125  # accepted relative error of a symmetric interval's half width; twice this for the sum of squares
 
 
 def is_symmetric(
@@ -355,8 +355,8 @@ class Problem(Protocol):
 class ParameterEstimate:
     """Estimates of the free parameters with their uncertainty; arrays by parameter.
 
-    - covariance: (p, p), scaled as `Parameter.stderr`; NaN for parameters that are not identifiable. It includes
-      parameters that rest on a bound, because they are not known exactly.
+    - covariance: (p, p); the roots of the diagonal are standard errors like `Parameter.stderr`. NaN for parameters that
+      are not identifiable. It includes parameters that rest on a bound, because they are not known exactly.
     - coordinate_covariance: covariance of the search coordinates, in which the model is nearly linear over some
       standard errors.
     - active: bound on which a parameter rests: -1 lower, 1 upper, 0 none.
@@ -434,7 +434,7 @@ def _student_ratio(freedom: int) -> float:
 
 
 def _transformed(own: Floats, jacobian: Floats, unknown: Flags, free: Flags) -> Floats:
-    """Transform the coordinates' covariance to that of the values, which have this `jacobian`."""
+    """Covariance of the values from the covariance `own` of the coordinates; `jacobian`: values by coordinates."""
     result: Floats = jacobian[:, free] @ own[np.ix_(free, free)] @ jacobian[:, free].T
     result[unknown] = np.nan
     result[:, unknown] = np.nan
@@ -471,7 +471,7 @@ def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArr
 
 
 def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np.int_]:
-    """Convert active bounds of the coordinates to those of the values."""
+    """Convert the active bounds of the coordinates to active bounds of the values."""
     result = active.copy()
     if coordinates.pair is not None:
         b, g = coordinates.pair
@@ -513,7 +513,7 @@ def covariance_of(slopes: Floats, free: Flags) -> Floats:
 # --- fits to the cells ---------------------------------------------------------------------------------------------
 
 
-_LEAST_FREEDOM = 5  # with fewer degrees of freedom a variance is too uncertain to replace that of shorter stretches
+_LEAST_FREEDOM = 5  # with fewer degrees of freedom the variance from longer stretches is too uncertain to be used
 
 _CONVERGED = 1e-14  # relative tolerance of the sum of squares
 _SEARCH = 300  # most evaluations of the residuals and their Jacobian

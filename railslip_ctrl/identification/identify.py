@@ -1,7 +1,7 @@
 """Identify one log or several: adhesion curve, comparison of fitted models, reference slip (record `Identification`).
 
-Intervals take most of the time, so they are computed for the chosen model only. A delay of the wheel's speed is
-estimated by fitting the motion again with this speed shifted in time.
+The parameters' intervals take most of the computing time, so only the chosen model gets them. A delay of the wheel's
+speed is estimated by fitting the motion again with this speed shifted in time.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ _OPEN_BOUND = 1e-11  # a bound below this represents an open bound of 0
 # --- the delay of the wheel's speed ----------------------------------------------------------------------------------
 
 _EQUAL = 2.6  # in standard errors: two delays that differ by less count as equal (99 %)
-_MOST_ROWS = 2000  # most rows used, in whole runs from the start; ten rig tests resolve a tenth of an interval
+_MOST_ROWS = 2000  # most rows used, in whole runs from the start; enough to resolve a delay of a tenth of an interval
 _LEAST_GAIN = 40.0  # least fall of the deviance over the errors' long-run variance; logs without a delay reached 26
 _GAIN_OF_TABLE = 6.6  # least fall of a table's deviance (chi-squared, 1 %); lower, as a table absorbs part of a delay
 _LEAST_TRIAL_GAIN = 0.5  # of `_LEAST_GAIN`: the search ends if a parabola through three lags falls by less
@@ -179,7 +179,7 @@ def lag_of(
 
 
 def _most_likely(shifted: Shifted) -> Lag | None:
-    """Lag that minimises -2 log likelihood of the motion; None unless the minimum is far below the value at lag 0."""
+    """Lag with the least -2 log likelihood of the motion; None if this is not far below the value at lag 0."""
     from scipy.optimize import minimize_scalar
 
     deviance, interval = shifted.deviance, shifted.interval
@@ -219,7 +219,7 @@ def delayed(record: BrakedRows, lag: float) -> BrakedRows:
 
 
 def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
-    """Warning about a delay; `interval` is that of the log, s, `delays` are the corrections given by the user, s."""
+    """Warning about a delay; `interval`: time between rows, s; `delays`: corrections given by the user, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
     cause = ""
     if not given and abs(late - interval / 2.0) < _EQUAL * lag.stderr:
@@ -307,7 +307,7 @@ class Identification:
     - chosen: the model given by the user, else the first formula that fits, else the table.
     - not_fitted: reasons why models are left out, one sentence each.
     - peaks: peaks over speed, on the log's rail and on wet rail.
-    - regimes: adhesion and sliding, split at the chosen model's peak if the log goes past it.
+    - regimes: adhesion and sliding, split at the chosen model's peak if the log goes past this peak.
     - reference: reference slips at the initial speed; None without a peak.
     - warnings: faults of the log that the data or the fits show.
     - fit_warnings: warnings about the chosen model.
@@ -445,7 +445,7 @@ def _chosen(
 ) -> tuple[tuple[results.Score, ...], results.Score, tuple[results.PeakSlip, ...], tuple[str, ...]]:
     """Choose the first formula that fits, else the table; InputError if no model has a peak.
 
-    Returns (scores, chosen, its peaks, messages for models without a peak).
+    Returns (scores, chosen score, peaks of the chosen model, messages for models without a peak).
     """
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
@@ -512,7 +512,7 @@ def _peaks(
 ) -> tuple[results.PeakSlip, ...]:
     """Peaks over speed, without a reference slip if the peak lies beyond the largest slip of the log.
 
-    A formula's interval contains the table's interval, unless the formula fits the motion better than the table.
+    A formula's interval contains the table's interval if the formula does not fit the motion better than the table.
     """
     fit, v0, widest = score.fit, setting.initial_speed, None
     speeds = [share * v0 for share in DRIFT_SPEEDS]
@@ -537,7 +537,7 @@ def _line(fit: Fit, cells: Cells, setting: models.Setting) -> ModelLine:
 
 
 def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> models.Setting:
-    """Known quantities of the fits: wheel load, v0 and slip acceleration, from the log unless given."""
+    """Known quantities of the fits: wheel load, v0 and slip acceleration, as given or else from the log."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
     ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
     ramped = ramp >= _LEAST_RAMP
@@ -555,7 +555,7 @@ def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> mode
 
 @dataclass(frozen=True)
 class LogSeries:
-    """Several logs identified with one model, and its parameters over the initial speed.
+    """Several logs identified with one model, and the parameters of this model over the initial speed.
 
     `warnings` are about differences between the logs; each log also has its own warnings.
     """
@@ -568,7 +568,7 @@ class LogSeries:
 def identify_several(
     paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
 ) -> LogSeries:
-    """Identify logs at several initial speeds with one model; "best" is the model with the lowest sum of BIC.
+    """Identify logs at several initial speeds with one model; "best": the formula with the lowest sum of BIC.
 
     `paths` are the logs; `vehicle`, `options`, `progress` and InputError as in `identify`.
     """

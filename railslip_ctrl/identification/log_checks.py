@@ -92,7 +92,7 @@ class FreeRolling:
         self._vehicle, self._radius = vehicle, vehicle.wheel.radius
         self._rows = np.empty((5, 0))
         self._interval, self._size = math.nan, 0  # interval, s, and rows of a window; set from the first rows
-        self._windows = np.empty((7, 0))  # columns as of `_steady`
+        self._windows = np.empty((7, 0))  # columns as returned by `_steady`
         self._stride, self._seen = 1, 0
 
     def add(self, rows: Floats) -> None:
@@ -211,7 +211,7 @@ _UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), 
 _EQUAL = 0.05  # relative difference below which two ratios count as equal; larger than usual errors of the radius
 _MOST_CREEP = 0.002  # upper limit of the computed creep, slip ratio, because a wrong radius distorts the slope used
 _UNTRUSTED = 0.005  # slip ratio in free rolling beyond which other checks of the log are unreliable
-_EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this share remains without it
+_EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this share of the slip remains without the zero
 
 
 @dataclass(frozen=True)
@@ -326,7 +326,7 @@ def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
             if ratio != 1.0 and LOWEST_MU <= made <= HIGHEST_MU:
                 hints.append(f"{quantity} seems to be in {unit} (`units` {quantity}={unit})")
                 other = made
-    return f"{', or '.join(hints)}, which would make it {other:.2g}" if hints else ""
+    return f"{', or '.join(hints)}, which would make this value {other:.2g}" if hints else ""
 
 
 def units_or(mu: float, factors: Mapping[str, float]) -> str:
@@ -335,7 +335,7 @@ def units_or(mu: float, factors: Mapping[str, float]) -> str:
 
 
 def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Finding]:
-    """Finding if the highest mean mu of a bin is implausible for steel on steel; `factors` as of `unit_hint`."""
+    """Finding if the highest mean mu of a bin is implausible for steel on steel; `factors` as in `unit_hint`."""
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
         yield Finding("adhesion", message("highest mean mu", mu=highest, **MU_RANGE, cause=units_or(highest, factors)))
@@ -351,14 +351,14 @@ _PULL_RANGE = (0.02, 1.0)  # highest brake torque over wheel load times radius; 
 
 
 def _speed_lost(record: BrakedRows) -> float:
-    """Total speed that the train loses in the runs, m/s; NaN if it is too small to use."""
+    """Total speed that the train loses in the runs, m/s; NaN if this loss is too small for a check."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
     return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
 
 
 def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
-    """Measured deceleration of the train divided by the one expected from the wheel's adhesion and the resistance.
+    """Measured deceleration of the train over the deceleration expected from the wheel's adhesion and the resistance.
 
     It is computed from the momentum of the wheel, (3), and of the train, (4) in [Park2008], over each run. NaN if the
     train hardly slows down, or if the expected deceleration is not positive.

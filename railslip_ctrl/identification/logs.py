@@ -10,7 +10,7 @@ The header is the first line that names the required columns. If the log begins 
 comment line (#) above them that names the columns, as NumPy writes it. A line of units may follow the header.
 
 Every row keeps its line number. Lines that cannot be read (cut off, or with text instead of numbers) are left out and
-reported. A last line without a line end counts as cut off unless it has all cells. An empty optional column is ignored.
+reported. A last line without a line end counts as cut off if cells are missing. An empty optional column is ignored.
 """
 
 from __future__ import annotations

@@ -266,7 +266,7 @@ class FitModel:
         return self._made(self.law, values, rail)
 
     def make_force_law(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """Make the law whose force was fitted, with these parameters; it has the peak of the measured curve."""
+        """Make the law whose force was fitted, with these parameters; its peak is the peak of the measured curve."""
         return self._made(self.force_law, values, rail)
 
     def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
@@ -322,7 +322,7 @@ def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitMod
 
 
 def check_model(name: str) -> None:
-    """Raise InputError with the known names unless `name` is a model or "best"."""
+    """Raise InputError with the known names if `name` is neither a model nor "best"."""
     if name != "best" and name not in _MODELS:
         hint = close_match(name, _MODELS)
         raise InputError(f"`model`: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")

@@ -214,7 +214,7 @@ INTERVALS_PER_TIME_CONSTANT = 5.0  #: least default tau, in intervals of the log
 SLIP_RANGE = (0.005, 0.98)
 """Slip ratios used: below them noise of the speeds dominates; above them the wheel is locked and its torque unknown."""
 
-_GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap, unless it is bridged
+_GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap if it is not bridged
 
 # Intervals up to this many time constants are not gaps. Speeds and torque are assumed linear over them; faster changes
 # are mostly beyond the observer's bandwidth.
@@ -447,8 +447,8 @@ def _joined(parts: list[Observed]) -> Observed:
 class TimeHistory:
     """One run under brake over time since the brake was applied, for a picture; SI, arrays of one length.
 
-    The wheel speed is that of the circumference. The adhesion torque comes from the corrected observer; it is NaN while
-    the observer settles.
+    `wheel_speed` is the speed of the circumference. The adhesion torque comes from the corrected observer; it is NaN
+    while the observer settles.
     """
 
     time: Floats

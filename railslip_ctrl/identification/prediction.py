@@ -53,7 +53,7 @@ _SLOW_DECAY = 0.3  # largest logarithmic decay per interval for one substep; the
 _SLIP_STEP = 1e-6  # slip difference for the slope of the force; the steepest law changes its slope over 1e-3
 _ROUNDS = 4  # most rounds of estimating variances and parameters alternately
 _SETTLED = 1e-6  # relative change of the parameters that ends the rounds
-_RATIOS = (math.log(1e-8), math.log(1e6))  # range of the log of: variance of the sensor over that of the force's effect
+_RATIOS = (math.log(1e-8), math.log(1e6))  # log range of the ratio of variances: sensor noise to random force's effect
 _LARGEST_SLIP = 0.999  # slip ratio; larger trial values are set to it
 _LARGEST_GROWTH = 50.0  # largest logarithmic growth of a deviation over a step; keeps the numbers finite
 _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of the coordinate
@@ -398,7 +398,7 @@ def prediction_error_fit(
 ) -> Fit:
     """Refit a model by minimising the prediction errors, starting from `first`, its fit to the cells.
 
-    Returns the first fit unless `has_prediction_errors`. `profiles` as in `fits.fit`. InputError for a log whose wheel
+    Returns `first` if `has_prediction_errors` is false. `profiles` as in `fits.fit`. InputError for a log whose wheel
     motion the model cannot reproduce.
     """
     if not has_prediction_errors(first.model, record):

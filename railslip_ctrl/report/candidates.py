@@ -110,7 +110,7 @@ class Trial:
 
     @cached_property
     def worst_ms(self) -> float:
-        """Worst Ms over the speeds in use, with tolerances unless only operating points are judged.
+        """Worst Ms over the speeds in use, with tolerances; without them if only operating points are judged.
 
         inf if a loop is unstable or the controller has no margins.
         """
@@ -166,8 +166,9 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
     """Run the harder stops for trials that can be the best, and sort all trials, the best first.
 
     Trials run the harder stops in the order of their mean nominal stop (`prefer` "robustness": worst Ms) until
-    `_COMPLETE` of them qualify; then those within `_NEAR` of the first also run them. If none qualifies, the least bad
-    trial and slide protection run them. If `nominal`, none runs them. `submit` starts functions in a second process.
+    `_COMPLETE` trials qualify; then trials within `_NEAR` of the first trial also run these stops. If no trial
+    qualifies, the least bad trial and slide protection run these stops. If `nominal`, no trial runs them. `submit`
+    starts functions in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)

@@ -196,7 +196,7 @@ def _short(trial: Trial) -> str:
 
 
 def _metres(trial: Trial) -> str:
-    """Mean braking distance; if a run does not stop, that of the nominal stops."""
+    """Mean braking distance of all stops; of the nominal stops if a run does not stop."""
     if math.isfinite(trial.distance()):
         return f"{short(trial.distance())} m"
     given = trial.distance_as_given()
@@ -378,7 +378,7 @@ def _over(stop: Stop) -> str:
 
 
 def _slip(stop: Stop) -> str:
-    """Slip held, with the reference slip unless the controller finds its own slip."""
+    """Slip held; with the reference slip if the controller does not find its own slip."""
     return short(stop.settled_slip, 2) + ("" if stop.own_slip else f" (reference {short(stop.reference)})")
 
 
@@ -610,7 +610,7 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
         f"is the stop of {brake} with the highest adhesion at every moment after dead time and lag; no controller is "
         "better. The attainable stop includes the rise of the slip; its controller knows the rail, and there is no "
         "noise. Slip held is the median over the second half of the time under control in the longest stop. Highest "
-        "slip is that of all seeds. "
+        "slip is the highest of all seeds. "
         f"{_elsewhere(report)}{again if report.stops else ''}"
     )
     return Section("stops", "Braking runs", (Paragraph(text), *_limits_of_stops(report), *shown, *_rolling(report)))

@@ -105,7 +105,7 @@ def _log_parts(result: Identification) -> list[RenderableType]:
 
 
 def _load_of(result: Identification) -> str:
-    """Return a remark if the wheel load of the log differs from that of the vehicle."""
+    """Return a remark if the log's wheel load differs from the vehicle's wheel load; else an empty text."""
     own = result.vehicle.wheel_load
     same = math.isclose(result.setting.wheel_load, own, rel_tol=1e-6)
     return "" if same else f" (in the log; the vehicle has {own:g} N)"
@@ -246,7 +246,7 @@ def series_toml(result: LogSeries) -> str | None:
         return None
     comments = [
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
-        "Use with --adhesion and --initial-speed. Reference slips are those of the logs at their initial speeds.",
+        "Use with --adhesion and --initial-speed. The reference slips come from the logs at their initial speeds.",
         *(text for p in result.polynomials for text in _errors_of(p)),
         *(f"Warning: {warning}" for each in result.logs for warning in (*each.warnings, *each.fit_warnings)),
         *(f"Warning: {warning}" for warning in result.warnings),

@@ -45,7 +45,7 @@ class Pictures:
         return {f"{name}.{form}": content for name, forms in self.drawn.items() for form, content in forms.items()}
 
     def write(self, directory: Path, written: Sequence[Path], files: Mapping[str, FileContent]) -> int:
-        """Write `files` into `directory`; return their number plus that of the files already `written`.
+        """Write `files` into `directory`; return the number of files, including the files already `written`.
 
         InputError if a picture is missing.
         """

@@ -289,7 +289,7 @@ _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, slip ratio, and 
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # factors on the design's gains; 1 is in the middle
 _RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s, duration of the responses, and number of points
 
-_QUICK_FILTER = 0.05  # filter time constant over that of the lead, tried besides 0.1: larger ki, but more noise
+_QUICK_FILTER = 0.05  # ratio of the time constants of filter and lead, tried besides 0.1: larger ki, but more noise
 
 
 @checked

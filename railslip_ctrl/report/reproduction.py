@@ -88,7 +88,7 @@ def reproduction_json(
 
 
 def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
-    """Return the alternatives to the reading as JSON; `numbers` are those of Table 5 by column, null without a stop."""
+    """Return the alternatives to the reading as JSON; `numbers`: Table 5 by column, null if a run did not stop."""
     return {
         "seeds": sensitivity.seeds,
         "rms_deviation_percent": number(sensitivity.base_rms_deviation_percent),

@@ -302,7 +302,8 @@ def _margin_table(assessment: Assessment, m: Margins) -> RenderableType:
     ]
     usable = assessment.stabilizing_gain_range
     if usable is not None:
-        rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "on the controller's gain"))
+        factors = f"{usable[0]:.5g} to {fixed(usable[1])}"
+        rows.append(("Stabilising gain", factors, "×", "", "factor on the controller's gain"))
     return Table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, text_columns=(2, 4))
 
 
