@@ -490,7 +490,7 @@ def test_nothing_is_said_of_a_log_without_fault():
 @pytest.mark.parametrize(("offset", "zeros", "words"), [
     (-2000.0, {}, " -2000 N.m .*`zeros` brake_torque=-2000 "),
     (0.0, {"brake_torque": 500.0}, "leave.*`zeros` brake_torque"),
-    (800.0, {"brake_torque": 500.0}, " 300 N.m .* 500 N.m .*`zeros` brake_torque=800 "),
+    (800.0, {"brake_torque": 500.0}, " 300 N.m .* 500 N.m.*`zeros` brake_torque=800 "),
     (0.0, {"wheel_angular_speed": 0.5}, "`zeros` wheel_angular_speed=0.5: leave out"),
     (0.0, {"train_speed": -0.3}, "`zeros` train_speed=-0.3: leave out"),
 ])  # fmt: skip

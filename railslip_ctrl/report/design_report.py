@@ -143,7 +143,7 @@ def _why(report: DesignReport) -> Iterator[str]:
         return
     phrase = f"Ms ≤ 2 at all {int(judged.points.operating.sum())} operating points"
     if not report.nominal:
-        phrase += f", stable at all {len(judged.points)} points with tolerances"
+        phrase += f", stable at all {len(judged.points)} with tolerances"
     yield f"{phrase}."
     factor = best.choice.reference_factor
     if factor < 1.0:
@@ -341,18 +341,18 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, hard)))
         yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {_distance(slipped)}"
         best = report.trials[0]
-        phrase = f"{len(best.stops) + len(best.harder)} stops; nominal ones {short(best.distance_as_given())} m"
+        phrase = f"{len(best.stops) + len(best.harder)} stops; nominal stops {short(best.distance_as_given())} m"
         yield "Mean stop", _metres(best), phrase + _over_attainable(best)
 
 
 def _over_attainable(trial: Trial) -> str:
-    """Mean excess of the nominal stops over the attainable ones, where these are known."""
+    """Mean excess of the nominal stops over the attainable stops, over the stops for which these are known."""
     known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
     if not known or any(not run.stopped for stop in known for run in stop.runs):
         return ""
     attainable = sum(stop.attainable.braking_distance for stop in known if stop.attainable)
     distance = sum(run.braking_distance for stop in known for run in stop.runs) / len(known[0].runs)
-    return f", {100 * (distance / attainable - 1):.0f} % over the attainable ones"
+    return f", {100 * (distance / attainable - 1):.0f} % over the attainable stops"
 
 
 def _kind(choice: StructureChoice) -> str:
@@ -526,7 +526,7 @@ def _candidates(report: DesignReport) -> Section:
     ran = Table(
         ("Candidate", "Used from, km/h", "Mean stop, m", "Nominal, m", "Ms with tolerances", "Air", "Locks in"),
         [_ran_cells(trial, report.nominal) for trial in report.trials if trial.stops],
-        caption="Candidates that ran, the best first: mean braking distance in all stops and in the nominal ones.",
+        caption="Candidates that ran, the best first: mean braking distance in all stops and in the nominal stops.",
         wide=True,
     )
     rows = [(*_choice_cells(item.choice), item.reason) for item in report.trials if item.reason]

@@ -311,7 +311,7 @@ def design_report(
     - given: user's controllers by name; they run in the same stops and are judged if they have margins.
     - sliding: also verify the conditions of the predictive sliding-mode law, and find where a brake release prevents a
       lock; in a second process if there are two cores.
-    - fresh: verify the conditions again instead of reading them from the cache.
+    - fresh: verify the conditions again instead of reading the earlier result from the cache.
     - prefer: {"distance", "robustness"}; order of the candidates that qualify, see `ordered`.
     - progress: called with one line of text for each step.
     - meanwhile: called with the unfinished report, without rivals, gain map and attainable stops, which are still
