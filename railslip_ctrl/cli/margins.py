@@ -89,8 +89,8 @@ def command(
         slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
         if slow:
             options.warn(
-                f"--controller: it does not control slip below {below:.4g} km/h, but is judged at {min(slow):g} km/h; "
-                "give a higher --speed"
+                f"--controller: slip is not controlled below {below:.4g} km/h, but the loop is judged at "
+                f"{min(slow):g} km/h; give a higher --speed"
             )
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)

@@ -47,7 +47,7 @@ from .settings import Option, json_option, option, path_option, preset, switch
 R = TypeVar("R")
 
 _WARNED = "railslip_ctrl.warned"  # key in the command's context: set of warnings already printed
-_LOAD_TOLERANCE = 0.1  # relative deviation from the log's wheel load without a warning; about a half-full car
+_LOAD_TOLERANCE = 0.1  # relative deviation from the log's wheel load without a warning; half-full cars deviate by this
 _SPEED_TOLERANCE = 0.1  # relative deviation from the log's v0 without a warning; changes mu_max of Table 1 by 3 %
 
 DEFAULT_ENVELOPE = "default"

@@ -683,7 +683,8 @@ class Log:
             highest = f"{speed.max():.4g} m/s ({speed.max() / KMH:.4g} km/h)"
             remedy = "give `units` train_speed=km/h, or train_speed=m/s if this is right"
             raise InputError(
-                f"{self.name}: column {column.header!r} has no unit; in m/s it would reach {highest}; {remedy}"
+                f"{self.name}: column {column.header!r} has no unit, and in m/s its highest value, {highest}, is "
+                f"implausible; {remedy}"
             )
         return Rows(number, values).where(possible)
 
