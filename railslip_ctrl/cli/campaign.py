@@ -55,7 +55,7 @@ _PICTURES = ("distributions", "scatter")  # PNG
 @preset(
     "--points",
     "N",
-    "With --rare or --confidence-levels: stops in each level of the subset simulation.",
+    "With --rare or --confidence-levels: number of stops in each level of the simulation.",
     POINTS,
     type=int,
 )
