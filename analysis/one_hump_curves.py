@@ -62,7 +62,7 @@ def identified(seed: int, *, noisy: bool) -> Identified:
         result = identify_curve(curve_of(rows, vehicle, Options(), name="virtual rig"), vehicle, Options())
     except InputError:  # if the log is refused, the peak counts as missed
         return Identified(seed, true, "refused", (math.nan, math.nan), (math.nan, math.nan), delayed=False)
-    peak, delayed = result.own_peak, any("the wheel's speed seems to be" in text for text in result.warnings)
+    peak, delayed = result.own_peak, result.delay is not None
     return Identified(seed, true, result.chosen.fit.model.name, peak.slip_interval, peak.coefficient_interval, delayed)
 
 

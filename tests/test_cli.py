@@ -163,7 +163,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --controller own.toml --period 0.1", GIVEN),
     ("simulate --scenario mine.toml --initial-speed 80", "error: --initial-speed: "),
     # the scenario's own initial speed is what a published law cannot have
-    ("simulate --scenario mine.toml --adhesion curve", "--scenario: its initial speed 180 km/h is outside 30 to 140"),
+    ("simulate --scenario mine.toml --adhesion curve", "--scenario: the run begins at 180 km/h, outside 30 to 140"),
     ("margins --kp 1 --ki 1 --kp 2", "--kp: is given 2 times; give it once"),
     ("simulate --seed 1 --seed=1", "--seed: is given 2 times; give it once"),
     ("report --html --no-html", "--html: is given 2 times; give it once"),

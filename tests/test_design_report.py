@@ -199,7 +199,7 @@ def test_a_controller_without_margins_runs_beside_and_is_told_as_not_judged(robu
     lines = [text for name, text in first_page(beside).lines if name == "Yours"]
     assert [text.split(" is ")[0] for text in lines] == [f"NOT JUDGED: {name}" for name in given]
     found = design_report_json(beside)["given"]
-    assert [one["reason"] for one in found] == ["known only by its step", "not linear"]
+    assert [one["reason"] for one in found] == ["known only by its step function", "not linear"]
     assert [one["verdict"] for one in found] == [None, None]
     assert all({stop["rail"] for stop in one["stops"]} == {"dry", "wet"} for one in found)
     first = found[0]["stops"][0]
@@ -211,7 +211,7 @@ def test_an_unstable_controller_is_told_on_the_first_page_with_its_stops(robust)
     wild = recommendation._rival("wild", PIController(PIGains(kp=1e6, ki=2.0)), robust.envelope, False)
     beside = replace(robust, rivals=(wild,))
     line = told(beside)[1]["Yours"]
-    assert line.startswith("UNSTABLE: wild is stable with every tolerance at no speed; unstable at ")
+    assert line.startswith("UNSTABLE: wild is not stable with every tolerance at the highest speed; unstable at ")
     longest = max((one for one in wild.stops if one.rail == "dry"), key=lambda one: one.distance)
     assert f"dry {longest.distance:.4g} m (curve, {longest.load}: " in line
     (shown,) = pages._rivals(beside).blocks

@@ -217,7 +217,7 @@ def test_lines_that_could_not_be_read_come_first_in_a_refusal(tmp_path, cell, te
 
 def test_a_speed_without_a_unit_that_is_implausible_in_si_is_refused(tmp_path):
     path = write(tmp_path, rows_below("time,v,vw,Tb"))
-    with pytest.raises(InputError, match=r"'v', read in m/s, 100 m/s or 360 km/h, is implausible; give `units` train_"):
+    with pytest.raises(InputError, match=r"'v' .*100 m/s \(360 km/h\).*; give `units` train_"):
         read(path)
     rows, _ = read(path, units={"train_speed": "m/s"})
     assert rows.columns["train_speed"][0] == 100.0
@@ -287,8 +287,8 @@ TWO = ["time", "v", "omega", "omega", "Tb"]
     (["time", "a [km/h", "vw", "Tb"], {"train_speed": "2"}, {}, "a bracket is not closed; give a unit of train_speed"),
     (["time", "v", "omega [1/s]", "Tb"], {}, {}, "'1/s' may mean cycles or radians; give a unit of wheel_angular_spe"),
     (["time", "v", "vw [rad/s]", "omega", "Tb"], {}, {}, r"angular_speed may be any of 'vw \[rad/s\]', 'omega'"),
-    (TWO, {}, {}, "`columns` wheel_angular_speed=HEADER, .*: 3 or 4"),
-    (TWO, {"wheel_angular_speed": "omega"}, {}, r"2 columns are called 'omega'; .*, or by its position: 3 or 4"),
+    (TWO, {}, {}, "`columns` wheel_angular_speed=HEADER, .* 3 or 4"),
+    (TWO, {"wheel_angular_speed": "omega"}, {}, r"2 columns are called 'omega'; .* 3 or 4; the header has"),
     (TWO, {"wheel_angular_speed": "6"}, {}, "no column is called '6'"),
 ])  # fmt: skip
 def test_columns_that_cannot_be_told(header, columns, units, message):
@@ -489,8 +489,8 @@ def test_nothing_is_said_of_a_log_without_fault():
 
 @pytest.mark.parametrize(("offset", "zeros", "words"), [
     (-2000.0, {}, " -2000 N.m .*`zeros` brake_torque=-2000 "),
-    (0.0, {"brake_torque": 500.0}, "leave `zeros` brake_torque out"),
-    (800.0, {"brake_torque": 500.0}, " 300 N.m .* 500 N.m .*`zeros` brake_torque=800 "),
+    (0.0, {"brake_torque": 500.0}, "leave.*`zeros` brake_torque"),
+    (800.0, {"brake_torque": 500.0}, " 300 N.m .* 500 N.m.*`zeros` brake_torque=800 "),
     (0.0, {"wheel_angular_speed": 0.5}, "`zeros` wheel_angular_speed=0.5: leave out"),
     (0.0, {"train_speed": -0.3}, "`zeros` train_speed=-0.3: leave out"),
 ])  # fmt: skip
@@ -542,7 +542,8 @@ def test_a_lag_is_found_however_large(late, log, known):
     rows = rig(**log)
     time, omega = rows.columns["time"], rows.columns["wheel_angular_speed"]
     found = identified(changed(rows, wheel_angular_speed=np.interp(time - late, time, omega)), "burckhardt")
-    (text,) = (text for text in found.warnings if "seems to be" in text)
+    assert found.delay is not None
+    (text,) = (text for text in found.warnings if "`delays`" in text)
     error = float(text.split(" ± ")[1].split(" ")[0])
     assert error < known
     remedy = float(text.split("`delays` wheel_angular_speed=")[1].split(" ")[0])
@@ -583,7 +584,7 @@ def test_columns_are_brought_to_the_wheel_s_time_and_zero_however_a_log_is_cut(c
     ("--delay", "brake_torque=3", "--delay brake_torque: 3 s is not allowed; give -2 to 2 (s)"),
     ("--skip-lines", "2", "log.csv: empty, or no header from line 3 on; give a CSV"),
     ("--skip-lines", "-1", "--skip-lines: '-1' is not allowed; give a whole number from 0"),
-    ("--zero", "wheel_load=10", "log.csv: no column wheel_load to correct; it has time, "),
+    ("--zero", "wheel_load=10", "log.csv: no column wheel_load to correct; "),
 ])  # fmt: skip
 def test_corrections_that_cannot_be_are_refused(tmp_path, railslip, option, value, text):
     (tmp_path / "log.csv").write_text("time [s],v [m/s],omega [rad/s],torque [N*m]\n0,30,69,0\n")
@@ -673,7 +674,7 @@ def test_a_time_in_another_unit_than_it_is_read_in_is_told(tmp_path, unit, secon
     ({"train_speed": -1.0}, {}, BACKWARD),
     ({"train_speed": -1.0, "wheel_angular_speed": -1.0}, {}, BACKWARD),
     ({"brake_torque": -1.0}, {}, "negative in .* rows with slip and positive in 0 rows; .*reverse its sign"),
-    ({"brake_torque": 1e300}, {}, r"brake torque 1.*e\+30. N\*m .*any wheel \(\d+ such rows\); check"),
+    ({"brake_torque": 1e300}, {}, r"brake torque 1.*e\+30. N\*m .*1e\+06 N\*m \(\d+ such rows\); check"),
     ({}, {"delays": {"brake_torque": 0.1}, "zeros": {"train_speed": 30.0}}, "the rows are corrected by `delays` br"),
     ({}, {"time_constant": 50.0}, "the observer settles for 250 s after .*; give a smaller `time_constant`"),
 ])  # fmt: skip

@@ -52,7 +52,13 @@ _PICTURES = ("distributions", "scatter")  # PNG
 @option("--replay", "I", "Repeat run number I and write its time series (CSV, picture).", "none", to="number", type=int)
 @option("--rare", "lock|BOUND", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
 @switch("--confidence-levels", "Table of Kdry_rst, the factor on the deceleration for ETCS confidence levels 0 to 9.")
-@preset("--points", "N", "With --rare or --confidence-levels: number of stops in each level.", POINTS, type=int)
+@preset(
+    "--points",
+    "N",
+    "With --rare or --confidence-levels: number of stops in each level of the simulation.",
+    POINTS,
+    type=int,
+)
 @switch("--internal", "With --replay: also write the controllers' internal state into the time series.")
 @json_option
 def command(

@@ -31,7 +31,12 @@ _LAWS = ("published", "predictive")
 
 
 @click.command(context_settings=HELP)
-@preset("--law", "|".join(_LAWS), "Adaptive law of [Park2008], or the predictive law for the actuator.", "published")
+@preset(
+    "--law",
+    "|".join(_LAWS),
+    "published: adaptive law of [Park2008]; predictive: law for a brake with dead time and lag.",
+    "published",
+)
 @preset("--reference", "proportional|constant", "Reference slip velocity: lambda_d v, or constant.", "proportional")
 @option(
     "--adhesion",
@@ -136,7 +141,8 @@ def _check_predictive(reference: str, adhesion: str | None, initial_speed: float
     """Raise InputError if an option is given that only the published law has."""
     if reference != "proportional":
         raise InputError(
-            f"--reference: {reference!r} is only for --law published; the predictive law holds a slip ratio"
+            f"--reference: {reference!r} is only for --law published, because the predictive law holds a slip ratio; "
+            "leave it out"
         )
     if adhesion is not None or initial_speed is not None:
         name = "--initial-speed" if adhesion is None else "--adhesion"

@@ -45,7 +45,7 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @preset(
     "--model",
     "|".join(("best", *MODELS)),
-    "Model to fit. best: fit all but bristle_rest and choose the model with a formula that has the lowest BIC.",
+    "Model to fit. best: fit all but bristle_rest and choose the formula with the lowest BIC that fits, or else table.",
     "best",
 )
 @preset("--rail", "dry|wet", "Rail condition of the log.", "dry")
@@ -55,7 +55,7 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @number_option(
     "--slip-acceleration",
     "m/s^2",
-    "Slip acceleration R of the ramps, m/s^2, for bristle and curve.",
+    "Slip acceleration R of the slip ramps, m/s^2, for bristle and curve.",
     "from the log; curve: 2.93",
     gt=0,
 )
@@ -84,7 +84,7 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
     "--unit",
     "NAME=UNIT",
     "Unit of a quantity's column, NAME as in --column; repeatable.",
-    "the header's",
+    "from the header",
     multiple=True,
 )
 @preset("--skip-lines", "N", "Number of lines to skip at the beginning of each log.", "0")
@@ -99,13 +99,17 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
     "--zero", "NAME=VALUE", "Sensor offset of a quantity's column, SI or with a unit; repeatable.", "0", multiple=True
 )
 @option(
-    "--fix", "PARAMETER=VALUE", "Parameter that is not fitted, SI or with a unit; repeatable.", "none", multiple=True
+    "--fix",
+    "PARAMETER=VALUE",
+    "Value of a parameter that is not fitted, SI or with a unit; repeatable.",
+    "none",
+    multiple=True,
 )
 @option(
     "--bound",
     "PARAMETER=LOW:HIGH",
     "Bounds of a parameter, SI or with units; repeatable.",
-    "the model's",
+    "those of the model",
     multiple=True,
 )
 @path_option("--out", "DIR", "Folder for the model's file, reports and pictures.")

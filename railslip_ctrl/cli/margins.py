@@ -29,7 +29,7 @@ from .settings import HELP, option, switch
 @click.command(context_settings=HELP)
 @options.case_options()
 @options.envelope_options("none; margins are computed at operating points")
-@options.gain_options("Table 4's")
+@options.gain_options("those of Table 4")
 @options.controller_option("a PI of --kp, --ki and --lead")
 @option(
     "--lead",
@@ -57,7 +57,7 @@ def command(
     """Compute stability margins with the exact dead time at operating points, or a verdict over an envelope.
 
     The controller is a PI, any linear controller or the seeking controller; a discrete controller has a sampled loop.
-    A controller from a file is judged at its own reference slip unless --slip is given. Exit status 1 if a loop is
+    A controller from a file is judged at its own reference slip, or at --slip if given. Exit status 1 if a loop is
     unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
@@ -88,7 +88,10 @@ def command(
         below = given.controlled_from / KMH
         slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
         if slow:
-            options.warn(f"--controller: no slip control below {below:.4g} km/h, but judged at {min(slow):g} km/h")
+            options.warn(
+                f"--controller: slip is not controlled below {below:.4g} km/h, but the loop is judged at "
+                f"{min(slow):g} km/h; give a higher --speed"
+            )
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
         for point in points
@@ -110,7 +113,7 @@ def given_controller(
 ) -> Any:
     """Return the controller that `--controller` names, for the vehicle of an operating point.
 
-    A controller without a reference slip gets `reference`, or that of the adhesion law if `reference` is None.
+    A controller without a reference slip gets `reference`, or the adhesion law's if `reference` is None.
     """
     from railslip_ctrl.design.catalogue import controller_named, default_column
 

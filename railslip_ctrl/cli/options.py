@@ -16,13 +16,14 @@ from click.core import ParameterSource
 
 from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.core.arguments import sized
-from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, RailslipError
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError, RailslipError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
 from railslip_ctrl.design.catalogue import BY_RULE, NAMES
 from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.model.adhesion import (
+    INITIAL_SPEED_RANGE_KMH,
     AdhesionLaw,
     ReferenceSlip,
     initial_speeds_in,
@@ -46,7 +47,7 @@ from .settings import Option, json_option, option, path_option, preset, switch
 R = TypeVar("R")
 
 _WARNED = "railslip_ctrl.warned"  # key in the command's context: set of warnings already printed
-_LOAD_TOLERANCE = 0.1  # relative deviation from the log's wheel load without a warning; about that of a half-full car
+_LOAD_TOLERANCE = 0.1  # relative deviation from the log's wheel load without a warning; half-full cars deviate by this
 _SPEED_TOLERANCE = 0.1  # relative deviation from the log's v0 without a warning; changes mu_max of Table 1 by 3 %
 
 DEFAULT_ENVELOPE = "default"
@@ -78,7 +79,7 @@ class Number(click.ParamType[float]):
 
 
 def whole_number(option: str, text: str, least: int, largest: int) -> int:
-    """Return the whole number in an option's `text`; InputError if it is none, or not from `least` to `largest`."""
+    """Return the whole number in an option's `text`; InputError if there is none, or if it is out of range."""
     if not (text.isascii() and text.isdigit() and len(text) <= 20 and least <= int(text) <= largest):
         raise InputError(f"{option}: {text[:60]!r} is not allowed; give a whole number from {least} to {largest}")
     return int(text)
@@ -207,14 +208,14 @@ class CaseOptions:
             slip = slip if self.slip is None else self.slip
             if slip is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
-            try:
-                for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds):
-                    car, v0 = _with_mass(vehicle, mass), self.initial_speed
-                    points.append(operating_point(law, car, speed * KMH, slip, rail=rail, initial_speed_kmh=v0))
-            except DomainError as error:
-                if self.slip is not None:
-                    raise
-                raise InputError(f"--speed: the reference {' '.join(str(error).split(': ', 1))}") from None
+            for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds):
+                car, v0, (limit, reason) = _with_mass(vehicle, mass), self.initial_speed, law.domain_limit(speed * KMH)
+                if self.slip is None and slip >= limit:
+                    raise InputError(
+                        f"--speed: the reference slip {slip:g} at {speed:g} km/h is outside the domain of adhesion "
+                        f"{law.name!r}: {reason}; give a lower --speed, or a --slip below {limit:.4g}"
+                    )
+                points.append(operating_point(law, car, speed * KMH, slip, rail=rail, initial_speed_kmh=v0))
         if max(speeds) > self.initial_speed:
             other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
             warn(
@@ -287,16 +288,19 @@ class CaseOptions:
 
     def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
         """Return the adhesion law of a run; an error about v0 (m/s) names the option that set it."""
+        if is_file(name):
+            return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
         try:
-            if is_file(name):
-                return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
             return named_law(name, vehicle, v0)
-        except InputError as error:
-            if _is_given("initial_speed") or not str(error).startswith("initial speed: "):
+        except InputError:
+            low, high = INITIAL_SPEED_RANGE_KMH
+            if _is_given("initial_speed") or low <= v0 / KMH <= high:
                 raise
-            option = "--speed:" if self.speeds else "--scenario: its initial speed"
-            message = str(error).removeprefix("initial speed: ")
-            raise InputError(f"{option} {message}; give the law's v0 with --initial-speed") from None
+            option = "--speed" if self.speeds else "--scenario"
+            raise InputError(
+                f"{option}: the run begins at {v0 / KMH:g} km/h, outside {low:g} to {high:g} km/h, the range of v0 of "
+                f"adhesion {name!r}; give the law's v0 with --initial-speed"
+            ) from None
 
     def _run_vehicle(self, own: Vehicle) -> Vehicle:
         """Return the vehicle of the file, or of the scenario (`own`), with the options applied."""
@@ -373,14 +377,14 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
     )
     v0 = "Speed v0 at the start of braking, km/h, 30 to 140; the adhesion law depends on it."
     begin = ("Speed at which the brake is applied, km/h.", _SCENARIO)
-    speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; an envelope has its own")
+    speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; with an envelope its speeds")
     vehicle = "Vehicle file: .toml, or .yaml of railtoolkit; published adhesion is scaled with the wheel load."
     mass = f"Quarter-car mass M, kg; the wheel load does not change{'; repeatable' * masses}."
     scale = (
         "Factor on M, J and B, in runs also on the stiffness of a published dynamic law. 1: SI; 3.6: units as in the "
         "paper."
     )
-    unnamed = _SCENARIO if run else of_envelope or "bristle; an envelope has its own"
+    unnamed = _SCENARIO if run else of_envelope or "bristle; with an envelope its laws"
     late = "Actuator dead time, s; ignored by linearize."
     own = "the vehicle's"
     of_law = [
@@ -430,8 +434,8 @@ def envelope_options(default_text: str) -> Option:
     """Return the options for a verdict over an envelope; `default_text` is for the help."""
     nominal = switch("--nominal", "Judge the envelope without tolerances.")
     text = (
-        "Judge over an envelope: default ([envelope] in the vehicle's file, or the default envelope without it) or a "
-        "TOML file. --rail, --adhesion, --speed, --slip and --loaded narrow it."
+        "Judge over an envelope: a TOML file, or default, which is the table [envelope] of the vehicle's file, or the "
+        "default envelope if the file has no such table. --rail, --adhesion, --speed, --slip and --loaded narrow it."
     )
     envelope = option("--envelope", "default|FILE", text, default_text)
     return lambda function: envelope(nominal(function))
@@ -491,8 +495,8 @@ def _warn_of_wheel_load(law: AdhesionLaw, path: Path, wheel_load: float) -> None
     load = from_file("--adhesion", path, wheel_load_in)
     if load is not None and law.has_forces() and abs(wheel_load / load - 1.0) > _LOAD_TOLERANCE:
         warn(
-            f"--adhesion: {path} was identified at a wheel load of {load:g} N and is used at {wheel_load:g} N; its "
-            "force parameters do not scale with the load"
+            f"--adhesion: {path} was identified at a wheel load of {load:g} N and is used at {wheel_load:g} N; the "
+            "law's force parameters do not scale with the load"
         )
 
 
@@ -535,10 +539,10 @@ def refuse_given(*options: str, because: str) -> None:
 
 
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
-    """Return the gains; None, for those of Table 4, if neither is given; InputError if only one is given."""
+    """Return the given gains; None, which stands for Table 4, if neither is given; InputError if only one is given."""
     if (kp is None) != (ki is None):
         given, missing = ("--kp", "--ki") if ki is None else ("--ki", "--kp")
-        raise InputError(f"{missing}: missing, but {given} is given; give both, or neither for those of Table 4")
+        raise InputError(f"{missing}: missing, but {given} is given; give both, or neither for the gains of Table 4")
     return None if kp is None or ki is None else PIGains(kp=kp, ki=ki)
 
 

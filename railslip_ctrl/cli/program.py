@@ -27,7 +27,7 @@ _COMMANDS = {
     "derive": "derive the sliding-mode laws step by step, list the errata of Park et al., or write C99 or Python",
     "identify": "fit adhesion laws to brake-rig logs and find the reference slip",
     "campaign": "run a scenario many times with sampled or swept quantities, on all cores or a Dask cluster",
-    "verify": "decide the stability conditions of a sliding-mode law",
+    "verify": "check whether the stability conditions of a sliding-mode law hold",
     "simulate": "simulate a braking run: numbers, time series, pictures",
     "reproduce": "compare our results with those of Park et al., and show the units with which theirs are obtained",
 }

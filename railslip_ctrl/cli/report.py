@@ -74,7 +74,7 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion", "no-lock"
 @preset(
     "--prefer",
     "|".join(PREFERENCES),
-    "Choose, of the candidates that qualify, the one with the shortest mean stop or with the smallest worst Ms.",
+    "Recommend the qualified candidate with the shortest mean stop (distance) or the smallest worst Ms (robustness).",
     PREFERENCES[0],
     type=click.Choice(PREFERENCES),
 )

@@ -12,8 +12,8 @@ Option = Callable[[Callable[..., Any]], Any]  #: decorator that adds an option t
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 """`context_settings` of every command.
 
-Every command needs its own: Click takes the names of the help option from the first context of a command, and that
-context may have no parent.
+Every command needs its own settings: Click takes the names of the help option from the first context of a command, and
+that context may have no parent.
 """
 
 _ARGUMENTS = {
@@ -21,11 +21,11 @@ _ARGUMENTS = {
     **{"bounds": "bound", "columns": "column", "delays": "delay", "fixed": "fix"},
     **{"time_constant": "tau", "units": "unit", "zeros": "zero"},
 }
-"""Option for each argument that messages name in backticks; None if it has the name of the argument."""
+"""Option for each argument that messages name in backticks; None if the option has the argument's name."""
 
 
 def options_named(text: str) -> str:
-    """Replace the names of arguments in a message of the package by those of the options."""
+    """Replace the names of arguments in a message of the package by the names of the options."""
     argument = re.compile(f"`({'|'.join(_ARGUMENTS)})`")
     return argument.sub(lambda match: "--" + (_ARGUMENTS[match[1]] or match[1].replace("_", "-")), text)
 

@@ -45,15 +45,13 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "Column of Table 4: gains and reference slip.",
     "gains of column beam for the beam law, of bristle for other laws; slip of the law",
 )
-@option(
-    "--slip", "X", "Reference slip on both rails.", "the adhesion law's; with --gains the column's", type=options.SLIP
-)
+@option("--slip", "X", "Reference slip on both rails.", "from the adhesion law, or from --gains", type=options.SLIP)
 @switch("--unknown-rail", "asmc: use the adhesion model of dry rail also on wet rail.")
 @switch("--adaptive", "asmc: use the adaptation law as printed in the paper.")
 @options.number_option(
-    "--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01", ge=LEAST_STEP
+    "--period", "s", "The controller's sampling period, s.", "integration step; slide-protection 0.01", ge=LEAST_STEP
 )
-@options.gain_options("Table 4's")
+@options.gain_options("those of Table 4")
 @preset("--seed", "N|FILE", "Seed of random force and sensor noise, or an .npz file that campaign wrote.", "0")
 @switch("--no-noise", "No random force and no sensor noise.")
 @path_option("--csv", "FILE", "Write the time series.")

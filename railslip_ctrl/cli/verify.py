@@ -58,7 +58,7 @@ def command(
     """Decide which stability conditions of the sliding-mode law hold, with method and evidence.
 
     Exit status 1 if a condition fails or cannot be decided, 2 for bad input. Several conditions of the published law
-    fail; those of the robust variants fail if they include the actuator.
+    fail; conditions of the robust variants fail if they include the actuator.
 
     The predictive law is verified over a box of speed, slip and load, for any static adhesion law and vehicle, on the
     given rails; the bristle model is replaced by its static curve. The reference slip comes from the adhesion file or
@@ -87,7 +87,7 @@ def command(
 
 
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
-    """Return the adhesion law of the options; a file's law is for one rail, and that of the other rail follows."""
+    """Return the adhesion law of the options; a file's law is for one rail, and the other rail's law follows."""
     rails = cases.chosen_rails()
     if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)

@@ -23,7 +23,7 @@ from .logs import UNITS, Lines, Rows
 
 
 class RowFilter(ABC):
-    """Filter that drops rows by comparing them with their neighbours; `count` is the number dropped.
+    """Filter that drops rows by comparing them with their neighbours; `count` is the number of dropped rows.
 
     To judge a row, the filter needs the next `ahead` and the previous `behind` rows. It judges `piece` rows at a time.
     """
@@ -66,7 +66,7 @@ BESIDE = 16  #: rows on either side of an outlying time stamp, among which no ot
 FAR_STAMP = 100.0
 """Least distance of an outlying stamp from both neighbours, in median intervals of the `BESIDE` rows on either side.
 
-A nearer stamp is attributed to a misplaced row or to a clock that was set back; it is refused.
+A stamp nearer to a neighbour is attributed to a misplaced row or to a clock that was set back; the log is refused.
 """
 
 _LEAST_BESIDE = 4  # neighbouring stamps needed to estimate the usual interval
@@ -81,10 +81,10 @@ class StampFilter(RowFilter):
     """Drops rows with an outlying time stamp; raises InputError if the time does not grow without them.
 
     An outlier is a single stamp more than `FAR_STAMP` usual intervals away from both neighbours, or from its only
-    neighbour at an end of the log. Without it the time must grow over `BESIDE` rows on either side. Two outliers within
-    `BESIDE` rows count as a second clock and are refused. Repeated stamps and smaller steps back are also refused. A
-    long step forward is a gap, not an outlier, if the time continues from the later stamp, if it leads to the last row,
-    or if it follows the first row. Errors begin with the log's `name`.
+    neighbour at an end of the log. Without the outlier the time must grow over `BESIDE` rows on either side. A log with
+    two outliers within `BESIDE` rows (a second clock), repeated stamps or smaller steps back is refused. A long step
+    forward is a gap, not an outlier, if the time continues from the later stamp, or if the step is the first or the
+    last of the log. Errors begin with the log's `name`.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -102,7 +102,7 @@ class StampFilter(RowFilter):
 
     def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
         bad, time = np.zeros(len(rows), dtype=bool), rows.columns["time"]
-        # include the step into the first row, which was checked before: the first row itself may be the outlier
+        # include the step to the first row, although it was checked before: the first row itself may be the outlier
         first, end = max(start - 1, 0), min(stop, len(time) - 1)
         for i in first + np.flatnonzero(time[first + 1 : end + 1] <= time[first:end]):
             outlier = _outlier(time, int(i))
@@ -153,10 +153,10 @@ _ROUNDING = 1e-7  # relative to the largest value; smaller differences are round
 _LEAST_CHANGES = 20  # nonzero differences needed for an estimate
 _LEAST_SHARE = 0.01  # of the rows; fewer nonzero differences may be the corners of ramps
 
-# The step is the largest of these quantiles of the differences of which nearly all differences are multiples. The
-# smallest difference alone is not used, because it may come from a glitch.
+# Nearly all differences must be multiples of the step. The step is the largest of these quantiles of the differences
+# that meets this condition. The smallest difference alone is not used, because it may come from a glitch.
 _QUANTILES = (0.0, 0.01, 0.03, 0.1, 0.3, 0.5)
-_TOLERANCE = 0.1  # in steps, each way; a fifth of unquantised differences would lie within it
+_TOLERANCE = 0.1  # largest deviation from a multiple, in steps; a fifth of unquantised differences deviate by less
 _WHOLE_SHARE = 0.95  # share of the differences that must be multiples
 _MOST_STEPS = 20.0  # in steps; larger differences are not used, because an encoder's uneven intervals blur them
 
@@ -200,14 +200,14 @@ HALF_WINDOW = 4  #: rows on either side; a row is compared with the median of th
 
 NOISE_ROWS = 64  #: rows before and after a row from which the noise near it is estimated
 
-# An outlier exceeds all three limits, in standard deviations of the noise.
-# - Local: the spread in the window of nine rows. It protects slopes and corners. As nine values estimate a spread
-#   poorly, one row in 200 of normal noise exceeds this limit.
-# - Overall: the noise of the log's first rows, usually free rolling. Under brake the noise is higher.
-# - Beside: the noise on the noisier side of the row, because braking may begin at the row. The median S of 64 absolute
-#   normal deviates has P(S < x) = P(Bin(64, 2 Phi(x) - 1) > 32). A deviate exceeds 8 * 1.4826 times the larger S of two
-#   sides with probability 1e-11, and that of one side with 1e-8 (at the end of a noisier stretch). In 10 million rows
-#   of three columns no false outlier is expected.
+# An outlier exceeds three limits, each in standard deviations of a noise.
+# - Local limit, by the spread in the window of nine rows: it keeps rows on slopes and at corners. As nine values
+#   estimate a spread poorly, one row in 200 of normal noise exceeds this limit.
+# - Overall limit, by the noise of the log's first rows, usually free rolling. Under brake the noise is higher.
+# - Beside limit, by the noise on the noisier side of the row, because braking may begin at the row. The median S of 64
+#   absolute normal deviates has P(S < x) = P(Bin(64, 2 Phi(x) - 1) > 32). A deviate exceeds 8 * 1.4826 times the larger
+#   S of two sides with probability 1e-11, and the S of a single side with 1e-8 (at the end of a noisier stretch). In
+#   10 million rows of three columns no false outlier is expected.
 _LOCAL_LIMIT = 6.0
 _OVERALL_LIMIT = 8.0
 _BESIDE_LIMIT = 8.0
@@ -226,7 +226,7 @@ PIECE = 4096  #: rows judged together; the overall noise of the log is estimated
 
 
 class OutlierFilter(RowFilter):
-    """Hampel filter: drops rows whose speed or torque is far from the median of its neighbours, beyond the noise.
+    """Hampel filter: drops rows whose speed or torque differs from its neighbours' median by more than noise.
 
     `first_line` is the line number of the first row dropped, `resolution` the quantisation steps of the columns.
     """
@@ -340,7 +340,8 @@ class Alignment:
         for rows in blocks:
             for name in (*self._delays, *self._zeros):
                 if name not in rows.columns:
-                    raise InputError(f"{self._name}: no column {name} to correct; it has {', '.join(rows.columns)}")
+                    names = ", ".join(rows.columns)
+                    raise InputError(f"{self._name}: no column {name} to correct; choose one of {names}")
             columns = {name: values - self._zeros.get(name, 0.0) for name, values in rows.columns.items()}
             rows = Rows(rows.line, columns)
             buffer = rows if self._buffer is None else self._buffer.then(rows)

@@ -1,13 +1,14 @@
 """Adhesion curve of a log, with all findings about the log, before anything is fitted.
 
-Samples are reduced to sums by cell of slip and speed, to bins of the curve, and to sums over stretches of time. Memory
-is therefore bounded, and these sums are enough for least squares over all samples. Each cell has the number of samples,
-the mean and scatter of mu, and moments of the slip. From these a two-point Gauss rule gives the model's mean over the
-cell; it is exact for a cubic. The widest cells have a width of 0.005 in slip ratio.
+Samples are reduced to sums over cells (a range of slip and a range of train speed), over bins (a range of slip, for
+display) and over stretches of time. Memory is therefore bounded, and these sums are enough for least squares over all
+samples. Each cell has the number of samples, the mean and scatter of mu, and moments of the slip. From these moments a
+two-point Gauss rule gives the model's mean over the cell, exactly for a cubic. The widest cells are 0.005 wide in slip
+ratio.
 
-The noise of neighbouring samples is correlated by the observer's filter, by the rig and by the run. Its long-run
-variance (that of means over long times) is therefore computed from sums over stretches of time. If the number of
-stretches, or of sums by stretch and cell, exceeds its limit, neighbouring stretches are added in pairs.
+The noise of neighbouring samples is correlated by the observer's filter, by the rig and by the run. The long-run
+variance of the noise (the variance of means over long times) is therefore computed from sums over stretches of time. If
+the number of stretches, or of sums by stretch and cell, exceeds its limit, neighbouring stretches are added in pairs.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, BrakedR
 class Options:
     """Options of an identification, as in `railslip identify --help`; None: the value comes from the log.
 
-    - model: a model's name, or "best": the formula with the lowest BIC that fits.
+    - model: a model's name, or "best": the formula with the lowest BIC that fits, or the table if no formula fits.
     - rail: rail condition of the log.
-    - initial_speed, slip_acceleration, time_constant: v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
+    - initial_speed, slip_acceleration, time_constant: v0, m/s; R of the slip ramps, m/s^2; tau of the `observer`, s.
     - columns, units: header and unit of the column of a quantity, by quantity.
     - delays, zeros: delay of a column, s, and sensor offset, SI, by quantity.
     - fixed, bounds: fixed value of a parameter, or its lower and upper bound, SI, by parameter name.
@@ -65,7 +66,7 @@ class Options:
 # --- sums over the samples -----------------------------------------------------------------------------------------
 
 
-SLIP_CELLS = 400  #: cells over slip ratios 0 to 1; equally wide in its square root, hence narrow at low slip
+SLIP_CELLS = 400  #: cells over slip ratios 0 to 1, equally wide in the slip's square root, hence narrow at low slip
 
 SPEED_CELL = 10.0 * KMH  #: width of a cell in train speed, m/s
 _SPEED_CELLS = 80  # up to 800 km/h
@@ -76,7 +77,7 @@ _MOST_STRETCHES = 8192  # if there are more, neighbouring stretches are added in
 _MOST_ENTRIES = 1 << 18  # (stretch, cell) pairs, 6 MB; leaves some hundred stretches if a log fills many cells
 
 BINS = 50
-"""Bins of the curve over slip ratios 0 to 1, for display, as in [Park2008] Fig. 13. Fits use the finer cells."""
+"""Number of bins over slip ratios 0 to 1, for display, as in [Park2008] Fig. 13. Fits use the finer cells."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ class Accumulator:
     """Sums over samples that arrive in blocks; the result does not depend on the block size.
 
     `time_constant` is that of the observer, s. `slip_counts` counts samples by slip ratio in steps of 1e-6, so that
-    they can be split at any slip.
+    samples can be split at any slip.
     """
 
     def __init__(self, time_constant: float) -> None:
@@ -222,7 +223,7 @@ class Accumulator:
 
     def stretches(self) -> Stretches:
         """Stretches of the samples so far."""
-        index = np.cumsum(self._sums[0] > 0) - 1  # of a cell without the empty ones
+        index = np.cumsum(self._sums[0] > 0) - 1  # index of a cell among the cells with samples
         count, total = self._entries
         return Stretches(
             length=self._length,
@@ -294,9 +295,9 @@ class AdhesionCurve:
     - record, record_stride: rows for prediction-error fits, from every `record_stride`-th run.
     - peak_slip: slip ratio of the highest measured mu, the starting value of fits; on a flat curve noise shifts it.
     - wheel_column: the quantity from which the wheel's speed was read.
-    - deceleration_ratio: measured deceleration over that expected from the wheel's adhesion and the resistance; NaN if
-      not known.
-    - rolling: measurements of the wheel rolling without brake; None if it never does.
+    - deceleration_ratio: measured deceleration divided by the deceleration expected from the wheel's adhesion and the
+      resistance; NaN if not known.
+    - rolling: measurements while the wheel rolls without brake; None if the log has none.
     - steps: quantisation steps of the columns.
     - factors: SI value of the unit of a column, by quantity.
     - findings, notes: faults of the log; assumptions made.
@@ -467,7 +468,7 @@ class _LogData:
             *log_checks.survey_findings(survey),
             *free,
             *(
-                log_checks.Finding("steps", f"column {step}: smaller values are resolved only by averaging")
+                log_checks.Finding("steps", f"column {step}: smaller changes are resolved only by averaging")
                 for step in steps
                 if step.matters
             ),

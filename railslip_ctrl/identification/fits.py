@@ -38,9 +38,10 @@ from .models import SLIDING_ALONE, Coordinates, FitModel, Setting
 Residuals = Callable[[Floats], Floats]
 
 REGULARISATION = 0.1
-"""Regularisation weight in standard deviations of the noise, like a normal prior of ten times a coordinate's size.
+"""Weight of the regularisation, in standard deviations of the noise.
 
-An estimate that is three sizes from the centre and has a standard error of one size is moved by 3 % of that error.
+It acts like a normal prior with a standard deviation of ten times a coordinate's size. An estimate that is three sizes
+from the centre and has a standard error of one size is moved by 3 % of this error.
 """
 
 _STEP = 1e-4  # difference step, in sizes of a coordinate: rounding and truncation errors are then both about 1e-8
@@ -110,14 +111,14 @@ def differences(
 # Rail, weather and temperature shift all rows of a test alike. A single long-run variance would attribute the whole
 # shift to every parameter and make all intervals too wide. If the tests disagree, the covariance is therefore that of
 # the delete-one-test jackknife (CV3 of [MacKinnon2023]), with Student's distribution of (tests - 1) degrees of freedom.
-# It is valid for any correlation within a test.
+# The jackknife is valid for any correlation within a test.
 
 
 LEAST_TESTS = 5  #: tests needed for the jackknife; with fewer, Student's quantile is too large to be useful
 
 _LARGEST_SHARE = 0.99  # a test with a larger share of the information in some direction cannot be left out
-_DISAGREE = 0.01  # tests disagree if noise within them explains their differences with a lower probability
-_TEST_GAP = 0.5  # in lengths of the longest run: runs with a smaller gap are pieces of one test
+_DISAGREE = 0.01  # tests disagree if the noise within tests explains their differences with a lower probability
+_TEST_GAP = 0.5  # in lengths of the longest run: runs separated by a smaller gap belong to one test
 _LEAST_INFORMATION = 1e-8  # share of the information below which a test does not determine a direction
 
 
@@ -171,10 +172,10 @@ def _disagree(known: Floats, gradient: Floats) -> bool:
 # --- intervals from the profile of the likelihood ------------------------------------------------------------------
 
 # An interval ends where the profiled sum of squares has risen by the amount that gives the symmetric interval if the
-# parameter is nearly linear: the vertical adjustment of [ChandlerBate2007].
+# model is nearly linear in the parameter: the vertical adjustment of [ChandlerBate2007].
 
 
-_REACH = 2.6  # first trial distance of an interval's end, in standard errors, or 1 size of the parameter if less
+_REACH = 2.6  # first trial distance from the best value, in standard errors; 1 size of the parameter if that is less
 _TRIAL_FACTOR = 1.6  # factor on the distance from trial to trial
 _TRIALS = 12  # most trials; they reach 280 sizes, beyond which the searches are not reliable
 _FINE = 0.02  # tolerance of an interval's end, in standard errors
@@ -182,7 +183,7 @@ _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of
 _PROFILE_CONVERGED = 1e-6  # relative tolerance of the sum of squares
 _PROFILE_SEARCH = 60  # most evaluations of the residuals and their Jacobian
 _SLOPE_STEP = 1e-3  # difference step, in standard errors, or relative to the value if that is less
-_TOLERATED = 0.125  # accepted relative error of a symmetric interval's half width; twice that for the quadratic rise
+_TOLERATED = 0.125  # accepted relative error of a symmetric interval's half width; twice this for the sum of squares
 
 
 def is_symmetric(
@@ -220,9 +221,9 @@ def profile_interval(
     """Profile-likelihood interval of a parameter: its ends are where the sum of squares has risen by `rise`.
 
     If the sum does not rise so far, the end is the bound. `values` are the best values; `stderr` of the parameter
-    `index` gives the first trial. `beside` is half the interval of an independent error that the residuals do not show;
-    it is added in quadrature. The interval is at least as wide as with the other parameters fixed, because a search may
-    stop above the true least sum of squares.
+    `index` gives the first trial. `beside` is the half width due to an independent error that the residuals do not
+    show; it is added in quadrature. The interval is at least as wide as with the other parameters fixed, because a
+    search may stop above the true least sum of squares.
     """
     inverse, value = coordinates.by_inverse(index), float(values[index])
     best, unit = coordinates.represented(index, value), value**-2 if inverse else 1.0
@@ -339,7 +340,7 @@ leave relative singular values of about 1e-10.
 _DIFFERENCE = 1e-5  # difference step, in sizes of a coordinate
 _AT_BOUND = 1e-6  # in sizes of a coordinate: a search may end this far inside a bound
 _NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound counts as resting on it
-_LARGEST_DISTANCE = 0.05  # of the typical value: upper limit of this distance, as a standard error may be very large
+_LARGEST_DISTANCE = 0.05  # of the typical value: limit of the distance `_NEAR_BOUND`, as a standard error may be huge
 
 
 class Problem(Protocol):
@@ -354,8 +355,8 @@ class Problem(Protocol):
 class ParameterEstimate:
     """Estimates of the free parameters with their uncertainty; arrays by parameter.
 
-    - covariance: (p, p), scaled as `Parameter.stderr`; NaN for parameters that are not identifiable. It includes
-      parameters that rest on a bound, because they are not known exactly.
+    - covariance: (p, p); the roots of the diagonal are standard errors like `Parameter.stderr`. NaN for parameters that
+      are not identifiable. It includes parameters that rest on a bound, because they are not known exactly.
     - coordinate_covariance: covariance of the search coordinates, in which the model is nearly linear over some
       standard errors.
     - active: bound on which a parameter rests: -1 lower, 1 upper, 0 none.
@@ -433,7 +434,7 @@ def _student_ratio(freedom: int) -> float:
 
 
 def _transformed(own: Floats, jacobian: Floats, unknown: Flags, free: Flags) -> Floats:
-    """Transform the coordinates' covariance to that of the values, which have this `jacobian`."""
+    """Covariance of the values from the covariance `own` of the coordinates; `jacobian`: values by coordinates."""
     result: Floats = jacobian[:, free] @ own[np.ix_(free, free)] @ jacobian[:, free].T
     result[unknown] = np.nan
     result[:, unknown] = np.nan
@@ -470,7 +471,7 @@ def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArr
 
 
 def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np.int_]:
-    """Convert active bounds of the coordinates to those of the values."""
+    """Convert the active bounds of the coordinates to active bounds of the values."""
     result = active.copy()
     if coordinates.pair is not None:
         b, g = coordinates.pair
@@ -512,7 +513,7 @@ def covariance_of(slopes: Floats, free: Flags) -> Floats:
 # --- fits to the cells ---------------------------------------------------------------------------------------------
 
 
-_LEAST_FREEDOM = 5  # with fewer degrees of freedom a variance is too uncertain to replace that of shorter stretches
+_LEAST_FREEDOM = 5  # with fewer degrees of freedom the variance from longer stretches is too uncertain to be used
 
 _CONVERGED = 1e-14  # relative tolerance of the sum of squares
 _SEARCH = 300  # most evaluations of the residuals and their Jacobian
@@ -579,7 +580,7 @@ class Fit:
     - estimate: estimates of the parameters with their covariance.
     - residual_squares: sum of the squared deviations of all samples from the model.
     - cell_coefficients: the model's mean mu of each cell.
-    - long_run_variance: the variance of a mean over n samples is this over n; NaN if it cannot be estimated.
+    - long_run_variance: n times the variance of a mean over n samples, for large n; NaN if it cannot be estimated.
     - followed: (2, k), slip ratio and mu of a dynamic model along the log's motion; None for a static model.
     - known_stderrs: standard deviations of parameters that were not fitted, by name.
     - with_profiles: whether profile-likelihood intervals were computed where needed.

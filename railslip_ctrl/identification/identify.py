@@ -1,7 +1,7 @@
 """Identify one log or several: adhesion curve, comparison of fitted models, reference slip (record `Identification`).
 
-Intervals take most of the time, so they are computed for the chosen model only. A delay of the wheel's speed is
-estimated by fitting the motion again with this speed shifted in time.
+The parameters' intervals take most of the computing time, so only the chosen model gets them. A delay of the wheel's
+speed is estimated by fitting the motion again with this speed shifted in time.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def fit_warnings(fitted: Fit, setting: models.Setting, curve: AdhesionCurve) -> 
     if not ordinary:
         cause = units_or(value, curve.factors)
         warnings.append(message("fitted mu", model=fitted.model.name, value=value, **MU_RANGE, cause=cause))
-    unconstrained = [f"{p.name} of {p.value:.4g}" for p in fitted.parameters if p.is_unconstrained]
+    unconstrained = [f"{p.name} (fitted value {p.value:.4g})" for p in fitted.parameters if p.is_unconstrained]
     if unconstrained:
         warnings.append(message("any other", parameters=", ".join(unconstrained)))
     log_ordinary = ordinary and LOWEST_MU <= curve.highest_mu <= HIGHEST_MU
@@ -108,10 +108,10 @@ _OPEN_BOUND = 1e-11  # a bound below this represents an open bound of 0
 # --- the delay of the wheel's speed ----------------------------------------------------------------------------------
 
 _EQUAL = 2.6  # in standard errors: two delays that differ by less count as equal (99 %)
-_MOST_ROWS = 2000  # most rows used, in whole runs from the start; ten rig tests resolve a tenth of an interval
-_LEAST_GAIN = 40.0  # least deviance gain over the errors' long-run variance; logs without a delay reached 26
-_GAIN_OF_TABLE = 6.6  # least deviance gain of a table (chi-squared, 1 %), lower because it absorbs part of a delay
-_LEAST_TRIAL_GAIN = 0.5  # of `_LEAST_GAIN`: if a parabola through three lags gains less, the search ends
+_MOST_ROWS = 2000  # most rows used, in whole runs from the start; enough to resolve a delay of a tenth of an interval
+_LEAST_GAIN = 40.0  # least fall of the deviance over the errors' long-run variance; logs without a delay reached 26
+_GAIN_OF_TABLE = 6.6  # least fall of a table's deviance (chi-squared, 1 %); lower, as a table absorbs part of a delay
+_LEAST_TRIAL_GAIN = 0.5  # of `_LEAST_GAIN`: the search ends if a parabola through three lags falls by less
 _RESOLVED = 0.03  # tolerance of the lag, in intervals of the log: at most a fifth of its standard error
 _MOST_LAGS = 10  # most evaluations of the final search; each is a fit
 _MOTION_STDERR = 0.1  # standard error due to the motion between rows, in intervals, as found on the virtual rig
@@ -120,7 +120,7 @@ _CURVATURE_STEP = 0.25  # difference step for the curvature of the deviance, in 
 
 @dataclass(frozen=True)
 class Lag:
-    """Delay of the wheel's speed relative to the other columns, s, negative if early, with its standard error, s."""
+    """Delay of the wheel's speed behind the other columns, s, negative if it leads, and the standard error, s."""
 
     seconds: float
     stderr: float
@@ -179,7 +179,7 @@ def lag_of(
 
 
 def _most_likely(shifted: Shifted) -> Lag | None:
-    """Lag that minimises -2 log likelihood of the motion; None unless the minimum is far below the value at lag 0."""
+    """Lag with the least -2 log likelihood of the motion; None if this is not far below the value at lag 0."""
     from scipy.optimize import minimize_scalar
 
     deviance, interval = shifted.deviance, shifted.interval
@@ -219,13 +219,13 @@ def delayed(record: BrakedRows, lag: float) -> BrakedRows:
 
 
 def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
-    """Warning about a delay; `interval` is that of the log, s, `delays` are the corrections given by the user, s."""
+    """Warning about a delay; `interval`: time between rows, s; `delays`: corrections given by the user, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
     cause = ""
     if not given and abs(late - interval / 2.0) < _EQUAL * lag.stderr:
-        late, cause = interval / 2.0, "half an interval, as for a speed computed from encoder counts: "
-    remedy = f"{cause}`delays` {wheel_column}={given + late:.3g} corrects it"
-    remedy = message("no such delay") if abs(given + late) > LONGEST_DELAY else remedy
+        late, cause = interval / 2.0, "a speed computed from encoder counts is late by half an interval between rows: "
+    remedy = f"{cause}`delays` {wheel_column}={given + late:.3g} corrects this"
+    remedy = message("no such delay", longest=LONGEST_DELAY) if abs(given + late) > LONGEST_DELAY else remedy
     side, seconds = "late" if late > 0 else "early", abs(lag.seconds)
     return message("wheel is late", side=side, seconds=seconds, error=lag.stderr, remedy=remedy)
 
@@ -307,10 +307,11 @@ class Identification:
     - chosen: the model given by the user, else the first formula that fits, else the table.
     - not_fitted: reasons why models are left out, one sentence each.
     - peaks: peaks over speed, on the log's rail and on wet rail.
-    - regimes: adhesion and sliding, split at the chosen model's peak if the log goes past it.
+    - regimes: adhesion and sliding, split at the chosen model's peak if the log goes past this peak.
     - reference: reference slips at the initial speed; None without a peak.
     - warnings: faults of the log that the data or the fits show.
     - fit_warnings: warnings about the chosen model.
+    - delay: delay of the wheel's speed; None if no delay was found.
     """
 
     vehicle: Vehicle
@@ -326,6 +327,7 @@ class Identification:
     lines: tuple[ModelLine, ...]
     warnings: tuple[str, ...]
     fit_warnings: tuple[str, ...] = ()
+    delay: Lag | None = None
 
     @property
     def speeds_shown(self) -> tuple[float, float]:
@@ -400,11 +402,13 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
         raise InputError("; ".join([*_wheel_findings(curve), failures[0]]))
     table = candidates.table_of(fits)
     scores, chosen, peaks, without = _chosen(results.compare(fits, curve.cells), candidates, table)
+    delay = _delay(chosen.fit, table, candidates)
+    of_delay = [] if delay is None else [lag_warning(delay, curve.survey.interval, curve.wheel_column, options.delays)]
     warnings = (
         *_misfit_warning(scores, chosen.fit, table, curve.name),
         *curve.warnings,
         *_contradictions(curve, setting, options),
-        *_delay_warning(chosen.fit, table, candidates, options),
+        *(f"{curve.name}: {text}" for text in of_delay),
     )
     of_model = _model_fields(chosen, peaks, candidates)
     return Identification(
@@ -416,6 +420,7 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
         not_fitted=(*failures, *without),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
         warnings=warnings,
+        delay=delay,
         **of_model,
     )
 
@@ -440,7 +445,7 @@ def _chosen(
 ) -> tuple[tuple[results.Score, ...], results.Score, tuple[results.PeakSlip, ...], tuple[str, ...]]:
     """Choose the first formula that fits, else the table; InputError if no model has a peak.
 
-    Returns (scores, chosen, its peaks, messages for models without a peak).
+    Returns (scores, chosen score, peaks of the chosen model, messages for models without a peak).
     """
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
@@ -485,19 +490,16 @@ def _misfit_warning(scores: Sequence[results.Score], chosen: Fit, table: Fit | N
     return (f"{log}: {message(key, model=formula.model.name, limit=results.FALSE_MISFIT, most=most)}",)
 
 
-def _delay_warning(fit: Fit, table: Fit | None, candidates: Candidates, options: Options) -> tuple[str, ...]:
-    """Warning if the wheel's speed is delayed; empty if another fault of the log could look like a delay.
+def _delay(fit: Fit, table: Fit | None, candidates: Candidates) -> Lag | None:
+    """Delay of the wheel's speed; None also if another fault of the log could look like a delay.
 
     The estimate uses the formula if it fits, else the table.
     """
     curve, load = candidates.curve, candidates.setting.wheel_load
     if curve.survey.is_mixed or is_wrong_wheel(curve.rolling) or deceleration_differs(curve.deceleration_ratio):
-        return ()
+        return None
     best = table if table is not None and results.is_misfit(fit, table) else fit
-    lag = lag_of(best, curve.record, candidates.vehicle, load, table=table)
-    if lag is None:
-        return ()
-    return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
+    return lag_of(best, curve.record, candidates.vehicle, load, table=table)
 
 
 def _wheel_findings(curve: AdhesionCurve) -> tuple[str, ...]:
@@ -510,7 +512,7 @@ def _peaks(
 ) -> tuple[results.PeakSlip, ...]:
     """Peaks over speed, without a reference slip if the peak lies beyond the largest slip of the log.
 
-    A formula's interval contains the table's interval, unless the formula fits the motion better than the table.
+    A formula's interval contains the table's interval if the formula does not fit the motion better than the table.
     """
     fit, v0, widest = score.fit, setting.initial_speed, None
     speeds = [share * v0 for share in DRIFT_SPEEDS]
@@ -535,7 +537,7 @@ def _line(fit: Fit, cells: Cells, setting: models.Setting) -> ModelLine:
 
 
 def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> models.Setting:
-    """Known quantities of the fits: wheel load, v0 and slip acceleration, from the log unless given."""
+    """Known quantities of the fits: wheel load, v0 and slip acceleration, as given or else from the log."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
     ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
     ramped = ramp >= _LEAST_RAMP
@@ -553,7 +555,7 @@ def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> mode
 
 @dataclass(frozen=True)
 class LogSeries:
-    """Several logs identified with one model, and its parameters over the initial speed.
+    """Several logs identified with one model, and the parameters of this model over the initial speed.
 
     `warnings` are about differences between the logs; each log also has its own warnings.
     """
@@ -566,7 +568,7 @@ class LogSeries:
 def identify_several(
     paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
 ) -> LogSeries:
-    """Identify logs at several initial speeds with one model; "best" is the model with the lowest sum of BIC.
+    """Identify logs at several initial speeds with one model; "best": the formula with the lowest sum of BIC.
 
     `paths` are the logs; `vehicle`, `options`, `progress` and InputError as in `identify`.
     """

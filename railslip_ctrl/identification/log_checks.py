@@ -52,16 +52,16 @@ _LEAST_SHARE = 0.02  # least share of the steady windows; a shorter zero torque 
 _LEAST_BRAKE = 0.02  # of wheel load times radius; a larger torque is an offset only if it does not slow the train
 _BRAKED_SHARE = 0.5  # of the deceleration that the torque would cause; a train that slows more is braked
 
-_MEDIAN = 1.2533  # standard error of a median over that of a mean, normal noise
+_MEDIAN = 1.2533  # ratio of the standard errors of a median and of a mean, normal noise
 _SIGMA_PER_MAD = 1.4826  # standard deviation over the median absolute deviation, normal noise
-_UNIFORM = math.sqrt(12.0)  # step over the standard deviation of its rounding error
+_UNIFORM = math.sqrt(12.0)  # quantisation step over the standard deviation of its rounding error
 
 
 @dataclass(frozen=True)
 class Rolling:
     """Slip ratio and brake torque during free rolling, with their standard errors, SI.
 
-    The other fields are medians; `freedom` is the number of degrees of freedom of the standard errors.
+    `speed`, `omega`, `load` and `deceleration` are medians; `freedom` is the degrees of freedom of both errors.
     """
 
     slip: float
@@ -92,7 +92,7 @@ class FreeRolling:
         self._vehicle, self._radius = vehicle, vehicle.wheel.radius
         self._rows = np.empty((5, 0))
         self._interval, self._size = math.nan, 0  # interval, s, and rows of a window; set from the first rows
-        self._windows = np.empty((7, 0))  # columns as of `_steady`
+        self._windows = np.empty((7, 0))  # columns as returned by `_steady`
         self._stride, self._seen = 1, 0
 
     def add(self, rows: Floats) -> None:
@@ -203,15 +203,15 @@ def _error_of_median(values: Floats) -> float:
 _FALSE_ALARM = 0.001  # false-alarm probability of a finding
 _LEAST_SLIP = 5e-4  # slip ratio due to 0.2 mm of the radius; a smaller slip may be an error of the log's speeds
 _LEAST_OF_PEAK = 0.003  # of the slip at the peak; a smaller slip shifts a fit by less than its errors
-_LEAST_MU = 0.001  # torque offset by wheel load and radius; a smaller offset is within the errors of a good fit
+_LEAST_MU = 0.001  # torque offset over wheel load times radius; a smaller one is within the errors of a good fit
 _OTHER_UNIT = 0.15  # slip ratio; wear of the wheel causes less, so a larger slip is due to a wrong unit
 MOST_FREE_SLIP = 0.5  #: slip ratio in free rolling beyond which a log is refused; no error of a radius is so large
 
 _UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
 _EQUAL = 0.05  # relative difference below which two ratios count as equal; larger than usual errors of the radius
-_MOST_CREEP = 0.002  # limit of the creep, slip ratio: a wrong radius distorts the slope from which it is computed
+_MOST_CREEP = 0.002  # upper limit of the computed creep, slip ratio, because a wrong radius distorts the slope used
 _UNTRUSTED = 0.005  # slip ratio in free rolling beyond which other checks of the log are unreliable
-_EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this share remains without it
+_EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this share of the slip remains without the zero
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
         return f"{shown}: {likely}"
     apart = next((f" ({units} are {x:.3g} apart)" for x, units in _UNITS_APART if _is_ratio(abs(ratio), x)), "")
     text = shown + message("other units", ratio=ratio, column=known.wheel_column, apart=apart)
-    return f"{text}; else {likely}" if abs(slip) <= MOST_FREE_SLIP else text
+    return f"{text}; otherwise {likely}" if abs(slip) <= MOST_FREE_SLIP else text
 
 
 def _is_ratio(ratio: float, factor: float) -> bool:
@@ -326,7 +326,7 @@ def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
             if ratio != 1.0 and LOWEST_MU <= made <= HIGHEST_MU:
                 hints.append(f"{quantity} seems to be in {unit} (`units` {quantity}={unit})")
                 other = made
-    return f"{', or '.join(hints)}, which would make it {other:.2g}" if hints else ""
+    return f"{', or '.join(hints)}, which would make this value {other:.2g}" if hints else ""
 
 
 def units_or(mu: float, factors: Mapping[str, float]) -> str:
@@ -335,7 +335,7 @@ def units_or(mu: float, factors: Mapping[str, float]) -> str:
 
 
 def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Finding]:
-    """Finding if the highest mean mu of a bin is implausible for steel on steel; `factors` as of `unit_hint`."""
+    """Finding if the highest mean mu of a bin is implausible for steel on steel; `factors` as in `unit_hint`."""
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
         yield Finding("adhesion", message("highest mean mu", mu=highest, **MU_RANGE, cause=units_or(highest, factors)))
@@ -347,21 +347,21 @@ _OTHER_DECELERATION = 1.15  # plausible ratio; errors of mass, load and forces o
 _SLOWED_DOWN = 0.02  # least share of its speed that the train must lose; a rig at constant speed cannot be checked
 _OTHER_TIME_UNIT = 200.0  # ratio of decelerations that indicates a wrong time unit; s for ms gives at least 1000
 _TIME_UNITS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}  # s
-_PULL_RANGE = (0.02, 1.0)  # highest brake torque by wheel load and radius; outside it the torque's unit is wrong
+_PULL_RANGE = (0.02, 1.0)  # highest brake torque over wheel load times radius; outside, the torque's unit is wrong
 
 
 def _speed_lost(record: BrakedRows) -> float:
-    """Total speed that the train loses in the runs, m/s; NaN if it is too small to use."""
+    """Total speed that the train loses in the runs, m/s; NaN if this loss is too small for a check."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
     return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
 
 
 def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
-    """Measured deceleration of the train over that expected from the wheel's adhesion and the resistance.
+    """Measured deceleration of the train over the deceleration expected from the wheel's adhesion and the resistance.
 
-    It comes from the momentum of the wheel, (3), and of the train, (4) in [Park2008], over each run. NaN if the train
-    hardly slows down, or if the expected deceleration is not positive.
+    It is computed from the momentum of the wheel, (3), and of the train, (4) in [Park2008], over each run. NaN if the
+    train hardly slows down, or if the expected deceleration is not positive.
     """
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]

@@ -10,7 +10,7 @@ The header is the first line that names the required columns. If the log begins 
 comment line (#) above them that names the columns, as NumPy writes it. A line of units may follow the header.
 
 Every row keeps its line number. Lines that cannot be read (cut off, or with text instead of numbers) are left out and
-reported. A last line without a line end counts as cut off unless it has all cells. An empty optional column is ignored.
+reported. A last line without a line end counts as cut off if cells are missing. An empty optional column is ignored.
 """
 
 from __future__ import annotations
@@ -126,7 +126,8 @@ def _given_index(header: Sequence[str], quantity: str, wanted: str) -> int:
         return int(wanted) - 1
     if len(at) != 1:
         count = f"`columns` {quantity}: {len(at) or 'no'} {'columns are' if at else 'column is'} called {shown(wanted)}"
-        raise InputError(f"{count}; {close_match(wanted, header)}the header has {_cells(header)}{_by_position(at)}")
+        remedy = f"give the position, {_positions(at)}; " if at else close_match(wanted, header)
+        raise InputError(f"{count}; {remedy}the header has {_cells(header)}")
     return at[0]
 
 
@@ -139,12 +140,12 @@ def _known_index(header: Sequence[str], quantity: str) -> int | None:
 
 
 def _ambiguous(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    remedy = f"choose with `columns` {quantity}=HEADER{_by_position(at)}"
+    remedy = f"choose with `columns` {quantity}=HEADER, or give the position, {_positions(at)}"
     return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {remedy}")
 
 
-def _by_position(at: Sequence[int]) -> str:
-    return f", or by its position: {' or '.join(str(i + 1) for i in at)}" if len(at) > 1 else ""
+def _positions(at: Sequence[int]) -> str:
+    return " or ".join(str(i + 1) for i in at)
 
 
 def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
@@ -192,7 +193,7 @@ def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
 
 
 def _names(cell: str, quantity: str) -> set[str]:
-    """Possible names of a header cell as a column of a quantity: with its unit, and without."""
+    """Names that a header cell gives to a column of a quantity: the whole cell, and the cell without its unit."""
     name, texts = _split(cell)
     if _plain(name) == "n" and not (any(is_unit(t, quantity) for t in texts) if texts else quantity == "wheel_load"):
         return set()  # n may be the angular speed or the load; for example n [1/min] is not the load
@@ -257,7 +258,8 @@ def read_header(
                 if known or (at in plain and not _has_numbers(cells)):
                     best = max(best, (known, len(cells), str(error)), key=lambda each: each[:2])
                 continue
-            if _has_numbers([cells[column.index] for column in by_quantity.values()]):  # a row; positions are given
+            # columns given by their positions can also be found in a row
+            if _has_numbers([cells[column.index] for column in by_quantity.values()]):
                 continue
             end = max(end, plain[0] * (at in comments))
             file.ahead = io.BytesIO(b"\n".join(lines[end:]))
@@ -288,7 +290,7 @@ def number_in(cell: str, decimal: str) -> float | None:
 
 
 def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[list[str], str, int]]:
-    """Yield readings of a line as a header: (cells, separator of the rows, index of the next line)."""
+    """Yield the ways to split a line as a header: (cells, separator of the rows, index of the next line)."""
     comment, text = _is_comment(lines[at]), _decoded(lines[at]).strip("# \t")
     for separator in [s for s in _SEPARATORS if s in text or '"' in text] or [BLANKS]:
         split = split_cells([text] if comment else map(_decoded, itertools.islice(lines, at, None)), separator)
@@ -311,7 +313,7 @@ def _with_units_below(
         if _has_numbers(beside) or all(text.lower() in _NOTHING for text in beside):
             return by_quantity, end
         wanted = not all(column.unit_given for column in by_quantity.values())
-        if wanted or any(map(is_unit, beside, by_quantity)):  # below a missing unit, an unknown unit is refused
+        if wanted or any(map(is_unit, beside, by_quantity)):  # if a unit is missing, `find` refuses an unknown text
             pairs = zip(cells, below, strict=True)
             return find([name if unit.lower() in _NOTHING else f"{name} [{unit}]" for name, unit in pairs]), after
     return by_quantity, end
@@ -358,7 +360,7 @@ class LogFile:
     """Reader of a log's bytes, once from the beginning; a gzipped file is unpacked.
 
     `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is missing, not regular, unreadable or not
-    a text file. `damage` is the reason why a gzipped file ends early. `read` first returns the bytes of `ahead`.
+    a text file. `damage` is the reason why a gzipped file ends early. `ahead` has bytes that `read` returns first.
     """
 
     def __init__(self, path: Path) -> None:
@@ -460,7 +462,7 @@ _BLANKS = re.compile(rb"[ \t]+")
 _REGULAR = bytes(code for code in range(256) if code in b"\t\n" or (code >= 32 and code not in b'"#'))
 _MARK = re.compile(r"[+-]?(?:[\d.]*(?P<comma>,)|[\d,]*(?P<point>\.))\d+(?:[eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,]\d{3})+(?:[.,]\d+)?")  # a number with thousands separators
-_FASTEST, _SHARE_FAST = 60.0, 0.1  # m/s, share of rows; if more rows are faster and no unit is given, it may be km/h
+_FASTEST, _SHARE_FAST = 60.0, 0.1  # m/s, and share of rows; if a larger share is faster, a missing unit may be km/h
 _UNREAD = 0.01  # share of unreadable lines that does not affect the curve
 _OUTER_TABS = re.compile(rb"^\t|\t$", re.MULTILINE)
 
@@ -512,12 +514,13 @@ class Log:
     """Reader of a log, once from the beginning.
 
     - path: a CSV file in UTF-8 or Latin-1, gzipped or not, or `-` for standard input. Cells are separated by commas,
-      semicolons, tabs, bars or blanks. The decimal mark is the more frequent mark in the columns read.
+      semicolons, tabs, bars or blanks. The decimal mark is the point or the comma, whichever is more frequent in the
+    columns read.
     - columns, units: as in `find_columns`.
     - skip_lines: number of lines to skip before the header.
     - block_bytes: bytes read at a time.
 
-    InputError for a missing or empty file and for its header, a column or a unit; while reading, for a file without
+    InputError for a missing or empty file, or an invalid header, column or unit; while reading, for a file without
     rows, with an implausible speed, or with thousands separators.
     """
 
@@ -566,7 +569,7 @@ class Log:
         return (*notes, *self._notes)
 
     def rows(self) -> Iterator[Rows]:
-        """Yield the rows, block by block; `broken` and `share` are up to date after each."""
+        """Yield the rows, block by block; `broken` and `share` are up to date after each block."""
         try:
             for first, block in self._after_first_rows(self._blocks()):
                 rows = self._parsed(first, block)
@@ -577,7 +580,7 @@ class Log:
         if not self._kept:
             broken = f"; {self.broken.first[0]}" if self.broken.count else ""
             raise InputError(f"{self.name}: no rows after the header{broken}; give a log with data")
-        if self._grouped > _UNREAD * (self._kept + self.broken.count):  # only the largest values would be lost
+        if self._grouped > _UNREAD * (self._kept + self.broken.count):  # losing only large values would bias a fit
             raise InputError(f"{self.name}: {self._grouped} lines have thousands separators; remove them")
 
     def refused(self, error: InputError) -> InputError:
@@ -677,15 +680,18 @@ class Log:
             )
         column, speed = self.columns["train_speed"], values["train_speed"][possible]
         if not column.unit_given and np.sum(speed > _FASTEST) > _SHARE_FAST * len(speed):
-            reading = f"read in m/s, {speed.max():.4g} m/s or {speed.max() / KMH:.4g} km/h, is implausible"
-            remedy = "give `units` train_speed=km/h, or =m/s"
-            raise InputError(f"{self.name}: column {column.header!r}, {reading}; {remedy}")
+            highest = f"{speed.max():.4g} m/s ({speed.max() / KMH:.4g} km/h)"
+            remedy = "give `units` train_speed=km/h, or train_speed=m/s if this is right"
+            raise InputError(
+                f"{self.name}: column {column.header!r} has no unit, and in m/s its highest value, {highest}, is "
+                f"implausible; {remedy}"
+            )
         return Rows(number, values).where(possible)
 
     def _usual_count(self, block: bytes) -> int:
         """Usual number of cells of a row in the first block; 0 if it has no rows.
 
-        It is that of the header, plus one if rows end in a separator, minus empty cells at the end of the header.
+        It is the header's number of cells, plus one if rows end in a separator, minus empty cells at the header's end.
         """
         lines = block.split(b"\n", _FIRST_ROWS)[:-1]
         most, separator = len(self._header.cells), self._separator.encode()

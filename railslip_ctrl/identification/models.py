@@ -1,8 +1,8 @@
-"""The models that can be fitted: for each its law, free parameters, starting values and bounds.
+"""The models that can be fitted: law, free parameters, starting values and bounds of each model.
 
 "bristle" is first fitted to the force that builds up along steady slip ramps like those of the log ([Park2008] Fig.
 17), then to the motion (`prediction`); only the motion determines alpha. "bristle_rest" and "lugre" are fitted with
-their steady state, over the sliding regime only. Parameters that a steady state does not determine keep a stated value.
+their steady state, over the sliding regime only. Parameters that a steady state does not determine keep a preset value.
 
 `Coordinates` are chosen such that a model's force is nearly linear in them. Most parameters are their own coordinate.
 The steady force of the bristles is (gamma - |sigma|)/beta. If a log hardly shows the fall of this force, beta and gamma
@@ -39,7 +39,7 @@ from .messages import message
 # --- coordinates of the search ---------------------------------------------------------------------------------------
 
 
-FLAT = 1e-6  #: lower bound of 1/gamma times the least gamma; a smaller relative fall of the force is not visible
+FLAT = 1e-6  #: lower bound of (least gamma)/gamma; with a smaller ratio the fall of the force would not be visible
 
 _TINY = 1e-12  # lower bound that represents an open bound of 0
 _SMALL = 0.01  # least size of a coordinate, relative to its typical value
@@ -266,7 +266,7 @@ class FitModel:
         return self._made(self.law, values, rail)
 
     def make_force_law(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """Make the law whose force was fitted, with these parameters; it has the peak of the measured curve."""
+        """Make the law whose force was fitted, with these parameters; its peak is the peak of the measured curve."""
         return self._made(self.force_law, values, rail)
 
     def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
@@ -322,14 +322,14 @@ def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitMod
 
 
 def check_model(name: str) -> None:
-    """Raise InputError with the known names unless `name` is a model or "best"."""
+    """Raise InputError with the known names if `name` is neither a model nor "best"."""
     if name != "best" and name not in _MODELS:
         hint = close_match(name, _MODELS)
         raise InputError(f"`model`: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """Raise InputError if a fixed or bounded parameter is in no model, or is fixed outside its bounds."""
+    """Raise InputError if a fixed or bounded parameter is in no model in `names`, or is fixed outside its bounds."""
     known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
     for option, given in (("`fixed`", fixed), ("`bounds`", bounds)):
         for parameter in given:
@@ -405,7 +405,7 @@ def _bristle_starts(shape: Shape, setting: Setting, R: float) -> tuple[Mapping[s
     slid = max(shape.end_slip - shape.peak_slip, 0.1 * shape.end_slip) * v0
     beta = slid / fall
     gamma = shape.end_slip * v0 + beta * shape.end * load
-    # along a ramp the force begins as alpha s^2/(2 R); the peak is near 4 times the s where this is the peak force
+    # along a ramp the force begins as alpha s^2/(2 R); the peak is near 4 times the s at which this is the peak force
     alpha = 9.0 * R * shape.peak * load / (shape.peak_slip * v0) ** 2
     return {"alpha": alpha, "beta": beta, "gamma": gamma}, v0
 
@@ -438,7 +438,7 @@ def _stiffness(setting: Setting) -> float:
 
 
 def _at_rest(model: FitModel, name: str, kept: str) -> FitModel:
-    return replace(model, name=name, notes=("fitted to the sliding regime", message("kept", names=kept)))
+    return replace(model, name=name, notes=("fitted to the sliding regime only", message("kept", names=kept)))
 
 
 def _bristle_rest(cells: Cells, shape: Shape, setting: Setting) -> FitModel:

@@ -32,7 +32,7 @@ from .observer import FilterObserver, Form, KalmanObserver, ObserverState, Torqu
 
 
 class Channels:
-    """Filters signals as the observer filters Ta: each signal is the brake torque of a wheel at standstill."""
+    """Filters signals as the observer filters Ta: the observer gets each signal as brake torque of a stopped wheel."""
 
     def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer
@@ -116,7 +116,7 @@ class Recorder:
         self._last_used = False
 
     def add(self, rows: Floats, used: Flags, apart: Flags) -> None:
-        """Add rows (5, k), as the first columns of `BrakedRows`; masks: rows `used`, rows `apart`, after a gap."""
+        """Add `rows`, (5, k), the first fields of `BrakedRows`; masks: rows `used`, and rows `apart` after a gap."""
         if not used.any():
             self._last_used = bool(used[-1]) if used.size else self._last_used
             return
@@ -214,7 +214,7 @@ INTERVALS_PER_TIME_CONSTANT = 5.0  #: least default tau, in intervals of the log
 SLIP_RANGE = (0.005, 0.98)
 """Slip ratios used: below them noise of the speeds dominates; above them the wheel is locked and its torque unknown."""
 
-_GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap, unless it is bridged
+_GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap if it is not bridged
 
 # Intervals up to this many time constants are not gaps. Speeds and torque are assumed linear over them; faster changes
 # are mostly beyond the observer's bandwidth.
@@ -226,6 +226,7 @@ LEAST_PULL = 0.02  # of wheel load times radius; with a lower torque the brake c
 # Physical limits of a row. A wheel far faster than its braked train indicates a wrong unit or column.
 _FASTEST = 200.0  # m/s
 _LARGEST_TORQUE = 1e6  # N*m
+_LIMITS = {"fastest": _FASTEST / KMH, "largest": _LARGEST_TORQUE}  # km/h, N*m, for messages
 _LEAST_SLIP = -0.5  # slip ratio under brake
 _LEAST_FREE_SLIP = -2.0  # slip ratio without brake
 _TOLERATED_SHARE = 0.01  # of the rows; a log with more impossible rows, or rows of the wrong sign, is refused
@@ -370,7 +371,7 @@ class AdhesionStream:
         for name, (wrong, value) in checks.items():
             if wrong.any() and not self.survey.first_implausible:
                 at = int(np.argmax(wrong))
-                self.survey.first_implausible = message(name, line=rows.line[at], value=value[at])
+                self.survey.first_implausible = message(name, line=rows.line[at], value=value[at], **_LIMITS)
             bad |= wrong
         self.survey.implausible += int(bad.sum())
         return rows.line[~bad], signals[:, ~bad]
@@ -446,8 +447,8 @@ def _joined(parts: list[Observed]) -> Observed:
 class TimeHistory:
     """One run under brake over time since the brake was applied, for a picture; SI, arrays of one length.
 
-    The wheel speed is that of the circumference. The adhesion torque comes from the corrected observer; it is NaN while
-    the observer settles.
+    `wheel_speed` is the speed of the circumference. The adhesion torque comes from the corrected observer; it is NaN
+    while the observer settles.
     """
 
     time: Floats

@@ -282,7 +282,7 @@ class TorqueObserver(ABC):
     def _after(self, x: Floats, h: Floats, before: Floats, now: Floats) -> tuple[Floats, Floats]:
         """Return estimates and states after the samples `now` (k, 2) of torque and speed.
 
-        `before` (k, 2) are the samples one interval `h` (k, s) earlier; `x` is the state before the first one.
+        `before` (k, 2) are the samples one interval `h` (k, s) earlier; `x` is the state after `before[0]`.
         """
 
     def run(
@@ -457,7 +457,7 @@ class KalmanObserver(TorqueObserver):
         """Return the Kalman filter for a vehicle's wheel and its sensors.
 
         The rounding errors of the `encoder` are modelled as white noise of the speed. In fact they cancel at low
-        frequencies, so the filter gives the speed less weight than it could. The torque's noise variance is that of the
+        frequencies, so the filter gives the speed less weight than is best. The torque's noise variance is that of the
         `sensor`. `interval` is the sampling interval, s. Ta is expected to change by `change` (N*m, one standard
         deviation) within `within` (s), so `walk` is change^2/within.
         """
@@ -507,7 +507,8 @@ class KalmanObserver(TorqueObserver):
         driven = transition @ exponential[:2, 2:]
         if not np.isfinite(driven).all():
             raise InputError(
-                f"interval: {self.interval:g} s is not allowed with these noises; give a more usual interval and noises"
+                f"interval: with {self.interval:g} s and these noises no gain can be computed; give an interval near "
+                "the filter's time constants"
             )
         # symmetric except for rounding errors
         seen = steady_covariance(transition, (driven + driven.T) / 2, self.speed_variance, sampled=True)[:, 0]

@@ -53,7 +53,7 @@ _SLOW_DECAY = 0.3  # largest logarithmic decay per interval for one substep; the
 _SLIP_STEP = 1e-6  # slip difference for the slope of the force; the steepest law changes its slope over 1e-3
 _ROUNDS = 4  # most rounds of estimating variances and parameters alternately
 _SETTLED = 1e-6  # relative change of the parameters that ends the rounds
-_RATIOS = (math.log(1e-8), math.log(1e6))  # log range: variance of the sensor over that of the random force's effect
+_RATIOS = (math.log(1e-8), math.log(1e6))  # log range of the ratio of variances: sensor noise to random force's effect
 _LARGEST_SLIP = 0.999  # slip ratio; larger trial values are set to it
 _LARGEST_GROWTH = 50.0  # largest logarithmic growth of a deviation over a step; keeps the numbers finite
 _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of the coordinate
@@ -66,7 +66,7 @@ _SPLINE_REACH = 0.005  # slip by which the spline extends beyond the record's hi
 
 
 class Errors(NamedTuple):
-    """Prediction errors r and decay A of each interval, and the derivative of r by the state at the run's start."""
+    """For each interval: prediction error r, decay A, and the derivative of r by the state at the run's start."""
 
     error: Floats
     decay: Floats
@@ -164,7 +164,7 @@ class PredictionErrors:
         return np.asarray(np.sign(sigma) * force)
 
     def _curve(self, values: tuple[float, ...]) -> Any:
-        """Spline of mu over the square root of the slip, for a model without speed dependence; the last is cached."""
+        """Spline of mu over the square root of the slip, for a model without speed dependence; caches the last one."""
         from scipy.interpolate import CubicSpline
 
         if self._spline is None or self._spline[0] != values:
@@ -383,7 +383,7 @@ def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
 _LEAST_ROWS = 4  # least rows between two knots of a table; rapidly growing slip leaves gaps between the rows
 _STRETCH = 10.0  # shortest stretch over which errors are summed, in intervals
 _STRETCHES_A_PARAMETER = 3.0  # least stretches for each parameter; a log with fewer gets shorter stretches
-_ALPHA_FACTORS = (0.2, 1.0)  # starts of alpha over its fit to the cells, which is too large if the slip grows rapidly
+_ALPHA_FACTORS = (0.2, 1.0)  # starts of alpha over its value from the cells, which is too large if slip grows rapidly
 _WHOLE_TEST = 1 / 3  # a whole test begins below this share of the slip up to which its ramp is measured
 _RAMP_RANGE = 2.0  # a note gives the peak for slip accelerations lower and higher by this factor
 
@@ -396,9 +396,9 @@ def has_prediction_errors(model: FitModel, record: BrakedRows) -> bool:
 def prediction_error_fit(
     first: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
 ) -> Fit:
-    """Refit a model by minimising the prediction errors, from its `first` fit, to the cells.
+    """Refit a model by minimising the prediction errors, starting from `first`, its fit to the cells.
 
-    Returns the first fit unless `has_prediction_errors`. `profiles` as in `fits.fit`. InputError for a log whose wheel
+    Returns `first` if `has_prediction_errors` is false. `profiles` as in `fits.fit`. InputError for a log whose wheel
     motion the model cannot reproduce.
     """
     if not has_prediction_errors(first.model, record):
@@ -440,7 +440,7 @@ def _refitted(first: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, se
 
 
 def _knots_with_rows(knots: Floats, slip: Floats) -> list[int]:
-    """Indices of the knots of a table that have enough rows between them, always with the last one."""
+    """Indices of a table's knots that have enough rows between them; the last knot is always kept."""
     kept = [0]
     for i in range(1, len(knots)):
         if np.count_nonzero((slip > knots[kept[-1]]) & (slip <= knots[i])) >= _LEAST_ROWS:

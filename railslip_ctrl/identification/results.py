@@ -181,8 +181,8 @@ class PeakSlip:
       delta method, and from the scatter of the slip acceleration if the peak depends on it. They contain the table's
       interval, which assumes no formula. An upper end is infinite if the log does not go past the peak.
     - reference, reference_coefficient: reference slip, and mu at this slip. Because the wheel is unstable beyond the
-      peak, it lies below the peak's 99 % interval, unless this loses more than `LARGEST_LOSS` of the adhesion. It is at
-      most `OFF_THE_PEAK` times the peak slip.
+      peak, this slip lies below the peak's 99 % interval if that loses at most `LARGEST_LOSS` of the adhesion, and
+      otherwise where the loss is `LARGEST_LOSS`. It is at most `OFF_THE_PEAK` times the peak slip.
     - by_rule: true if the wet law was derived from the dry law by the law's rule, without standard errors.
     - extrapolated: true if the log does not cover this initial speed.
     """
@@ -312,8 +312,8 @@ def table_intervals(table: Fit) -> Floats:
     """95 % intervals of slip and mu at the peak of a fitted table: ((low, high), (low, high)).
 
     A slip belongs to the interval if its mu is below the highest mu by at most the error of the difference. This error
-    is that of the table's values, plus that of the spline between its knots. The latter is estimated by the difference
-    from a spline with every second knot. The upper ends are infinite if the log ends within the interval.
+    is the error of the table's values plus the error of the spline between its knots. The difference from a spline
+    with every second knot estimates the latter. The upper ends are infinite if the log ends within the interval.
     """
     knots, noise = table.model.knots, np.diag(table.covariance)
     slip = np.geomspace(knots[0], knots[-1], _PEAK_POINTS)
@@ -343,7 +343,7 @@ def table_intervals(table: Fit) -> Floats:
 
 
 def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, value: Floats, intervals: Floats) -> PeakSlip:
-    """Build a peak with its reference slip; `value` is (slip, mu), `intervals` are theirs."""
+    """Build a peak with its reference slip; `value` is (slip, mu), `intervals` are the intervals of slip and mu."""
     slip, coefficient = value.tolist()
     (low, high), (least, most) = np.maximum(intervals, 0.0).tolist()
     if slip <= _LOWEST_SLIP:
@@ -397,7 +397,7 @@ class ParameterPolynomial:
 
     @property
     def misses(self) -> str:
-        """Warning if the values differ from the polynomial by more than their errors explain; else empty."""
+        """Warning if the values differ from the polynomial by more than their standard errors explain; else empty."""
         if not self.misfit_probability < _IMPROBABLE:
             return ""
         return message("misses", name=self.name, probability=self.misfit_probability)
@@ -420,8 +420,8 @@ class ParameterPolynomial:
 def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> tuple[ParameterPolynomial, ...]:
     """Polynomials of the fitted parameters of one model, weighted by the standard errors if all values have one.
 
-    `initial_speeds` in m/s. The degree is 2, or the number of distinct speeds less one if that is lower. If a fit has a
-    parameter on a bound at infinity, its log is not used for that parameter.
+    `initial_speeds` in m/s. The degree is 2, or the number of distinct speeds less one if that is lower. A log
+    in whose fit a parameter rests on an infinite bound is not used for this parameter.
     """
     v0 = np.array(initial_speeds) / KMH
     degree = _degree(v0)

@@ -117,7 +117,7 @@ _STEP = 1e-3  # integration step, s
 def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> Rows:
     """Simulate rig tests at the same conditions and return their rows as one log, with a pause between tests.
 
-    `tests` is the number of tests, `seed` that of all random numbers. Each test ends one second after the release.
+    `tests` is the number of tests, `seed` the seed of all random numbers. Each test ends one second after the release.
     InputError if the flywheels stop before the slip reaches `release_slip`.
     """
     if not 1 <= tests <= 10_000:

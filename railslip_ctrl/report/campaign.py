@@ -232,7 +232,7 @@ def _interval_note(summary: CampaignSummary) -> str:
         "a quantile, Wilson's for a share. A missing bound needs more runs."
     )
     if summary.campaign.sampling is not Sampling.RANDOM:
-        note += " The intervals assume independent runs; evenly spaced points make means more accurate."
+        note += " The intervals assume independent runs; with evenly spaced points means are more accurate than shown."
     if summary.points:
         note += " Over the whole grid, statistics weight all points equally."
     return note

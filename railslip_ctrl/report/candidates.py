@@ -49,7 +49,7 @@ FASTER = (0.75, 0.5, 0.25)
 """Factors on dead time and lag of the faster brakes that are tried if no candidate qualifies."""
 
 HELD_SHARE = 0.75
-"""Reference slip of the untuned controllers over that of the envelope: below the peak, as in most tuned designs."""
+"""Factor on the envelope's reference slip for untuned controllers: below the peak, as in most tuned designs."""
 
 MOST_LINEAR = 3  # number of linear designs that run in stops; the most robust one may not have the shortest stop
 
@@ -71,9 +71,9 @@ class Trial:
     """A candidate with its results in the stops of the report.
 
     - above_kmh: speed, km/h, above which the candidate qualifies; None, with the `reason`, if it does not qualify.
-    - lowest_kmh: lowest speed, km/h, that counts for its worst Ms.
+    - lowest_kmh: lowest speed, km/h, that counts for the worst Ms.
     - stops: nominal stops.
-    - harder: stops with errors and on a changing rail; empty if it cannot be the best.
+    - harder: stops with errors and on a changing rail; empty if the candidate cannot be the best.
     """
 
     choice: StructureChoice
@@ -110,7 +110,7 @@ class Trial:
 
     @cached_property
     def worst_ms(self) -> float:
-        """Worst Ms over the speeds in use, with tolerances unless only operating points are judged.
+        """Worst Ms over the speeds in use, with tolerances; without them if only operating points are judged.
 
         inf if a loop is unstable or the controller has no margins.
         """
@@ -166,8 +166,9 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
     """Run the harder stops for trials that can be the best, and sort all trials, the best first.
 
     Trials run the harder stops in the order of their mean nominal stop (`prefer` "robustness": worst Ms) until
-    `_COMPLETE` of them qualify; then those within `_NEAR` of the first also run them. If none qualifies, the least bad
-    trial and slide protection run them. If `nominal`, none runs them. `submit` starts functions in a second process.
+    `_COMPLETE` trials qualify; then trials within `_NEAR` of the first trial also run these stops. If no trial
+    qualifies, the least bad trial and slide protection run these stops. If `nominal`, no trial runs them. `submit`
+    starts functions in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)
@@ -286,7 +287,7 @@ def _judged(name: str, control: Controller, envelope: Envelope, nominal: bool, h
 def _trial(
     choice: StructureChoice, control: Controller, judgement: Judgement, robust: float | None, hard: bool
 ) -> Trial:
-    """Trial of a controller that is robust above the speed `robust`, km/h; None if it is robust at no speed.
+    """Trial of a controller that is robust from the speed `robust`, km/h, up; None: not robust at the highest speed.
 
     If its margins qualify, it runs the nominal stops. If it still qualifies and `hard`, it runs the harder stops.
     """
@@ -308,11 +309,11 @@ def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
     """Yield the reasons why a trial does not qualify."""
     over, robust = trial.control.controlled_from / KMH, trial.robust_kmh
     if robust is None:
-        yield "robust at no speed"
+        yield "not robust at the highest speed"
     elif robust > max(_LATEST * max(judgement.envelope.speeds), min(judgement.envelope.speeds)):
         yield f"robust only from {robust:g} km/h up"
     elif robust > max(over, min(judgement.envelope.speeds)) * (1 + 1e-9):
-        yield f"robust from {robust:g} km/h up, but it controls slip from {over:.3g} km/h"
+        yield f"robust from {robust:g} km/h up, but already controls slip from {over:.3g} km/h up"
     elif trial.judgement is not None and trial.worst_ms > NEARLY_UNSTABLE:
         worst = "unstable" if math.isinf(trial.worst_ms) else f"Ms {trial.worst_ms:.3g}, nearly unstable"
         yield f"with tolerances {worst}"
@@ -382,4 +383,4 @@ def no_margins(controller: Any) -> str:
         own = type(thing)
         linear = own.linear is not Controller.linear or own.loop is not Controller.loop
         return "" if linear else "not linear"
-    return "known only by its step" if has_step(thing) and not callable(linear_of(thing)) else ""
+    return "known only by its step function" if has_step(thing) and not callable(linear_of(thing)) else ""

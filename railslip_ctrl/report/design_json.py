@@ -130,7 +130,7 @@ def _from_speeds(judgement: Judgement | None, ran: DesignReport | Trial | Rival 
 
 
 def _stop_json(stop: Stop) -> dict[str, Any]:
-    """Results of a stop: those of the longest run, and distances and highest slips of all seeds."""
+    """Results of a stop: results of the longest run, and distances and highest slips of all seeds."""
     of_stop = {"adhesion": "law", "held_slip": "settled_slip", "errors": "errors"}
     of_reference = {"reference_slip": "reference", "reference_reached": "reached"}
     of_run = {"braking_time_s": "braking_time", "braking_distance_m": "braking_distance"}

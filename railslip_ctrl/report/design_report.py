@@ -157,13 +157,14 @@ def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
     best, good = report.trials[0], report.qualified
     if not good:
         peer = report.peer
-        locks = f"{best.locked} of {len(best.stops) + len(best.harder)}, mean {_metres(best)}"
+        locks = f"{best.locked} of {len(best.stops) + len(best.harder)}, mean stop {_metres(best)}"
         phrase = f"fewest stops with a locked wheel: {locks}"
         if peer is not None and peer is not best:
-            phrase += f"; slide protection: {peer.locked} of {len(peer.stops) + len(peer.harder)}, mean {_metres(peer)}"
+            runs = len(peer.stops) + len(peer.harder)
+            phrase += f"; slide protection: {peer.locked} of {runs}, mean stop {_metres(peer)}"
         remedy, tried = report.remedy, f"{100 * FASTER[-1]:g} % of dead time and lag"
         yield "Choice", f"{phrase}."
-        helps = f"none of the faster brakes tried, down to {tried}"
+        helps = f"none of the faster brakes helps, down to {tried}"
         if remedy is not None:
             kind, mean = _kind(remedy.trial.choice), _metres(remedy.trial)
             helps = f"a brake with {remedy.description}: {kind} then qualifies, mean stop {mean}"
@@ -195,7 +196,7 @@ def _short(trial: Trial) -> str:
 
 
 def _metres(trial: Trial) -> str:
-    """Mean braking distance; if a run does not stop, that of the nominal stops."""
+    """Mean braking distance of all stops; of the nominal stops if a run does not stop."""
     if math.isfinite(trial.distance()):
         return f"{short(trial.distance())} m"
     given = trial.distance_as_given()
@@ -306,11 +307,11 @@ def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
         locks = "the wheel locks" if any(stop.locks for stop in item.stops) else "no lock"
         verdict = f"NOT JUDGED: {item.name} is {item.reason} and has no margins"
         if (judged := item.judgement) is not None:
-            start = "at no speed" if judged.usable_from_kmh is None else f"from {judged.usable_from_kmh:g} km/h up"
-            held = "" if judged.nominal else " with every tolerance"
+            start, held = judged.usable_from_kmh, "stable" if judged.nominal else "stable with every tolerance"
+            state = f"not {held} at the highest speed" if start is None else f"{held} from {start:g} km/h up"
             worst = worst_cells(judged.worst)
             ms = f"{worst[0]}: {worst[1]} at {worst[2]}" if judged.worst.margins else f"unstable at {worst[2]}"
-            verdict = f"{judged.verdict.upper()}: {item.name} is stable{held} {start}; {ms}"
+            verdict = f"{judged.verdict.upper()}: {item.name} is {state}; {ms}"
         yield "Yours", f"{verdict}. Longest stops: {phrase}; {locks}."
 
 
@@ -340,18 +341,18 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, hard)))
         yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {_distance(slipped)}"
         best = report.trials[0]
-        phrase = f"{len(best.stops) + len(best.harder)} stops; nominal ones {short(best.distance_as_given())} m"
+        phrase = f"{len(best.stops) + len(best.harder)} stops; nominal stops {short(best.distance_as_given())} m"
         yield "Mean stop", _metres(best), phrase + _over_attainable(best)
 
 
 def _over_attainable(trial: Trial) -> str:
-    """Mean excess of the nominal stops over the attainable ones, where these are known."""
+    """Mean excess of the nominal stops over the attainable stops, over the stops for which these are known."""
     known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
     if not known or any(not run.stopped for stop in known for run in stop.runs):
         return ""
     attainable = sum(stop.attainable.braking_distance for stop in known if stop.attainable)
     distance = sum(run.braking_distance for stop in known for run in stop.runs) / len(known[0].runs)
-    return f", {100 * (distance / attainable - 1):.0f} % over the attainable ones"
+    return f", {100 * (distance / attainable - 1):.0f} % over the attainable stops"
 
 
 def _kind(choice: StructureChoice) -> str:
@@ -377,7 +378,7 @@ def _over(stop: Stop) -> str:
 
 
 def _slip(stop: Stop) -> str:
-    """Slip held, with the reference slip unless the controller finds its own slip."""
+    """Slip held; with the reference slip if the controller does not find its own slip."""
     return short(stop.settled_slip, 2) + ("" if stop.own_slip else f" (reference {short(stop.reference)})")
 
 
@@ -525,7 +526,7 @@ def _candidates(report: DesignReport) -> Section:
     ran = Table(
         ("Candidate", "Used from, km/h", "Mean stop, m", "Nominal, m", "Ms with tolerances", "Air", "Locks in"),
         [_ran_cells(trial, report.nominal) for trial in report.trials if trial.stops],
-        caption="Candidates that ran, the best first: mean braking distance in all stops and in the nominal ones.",
+        caption="Candidates that ran, the best first: mean braking distance in all stops and in the nominal stops.",
         wide=True,
     )
     rows = [(*_choice_cells(item.choice), item.reason) for item in report.trials if item.reason]
@@ -533,7 +534,7 @@ def _candidates(report: DesignReport) -> Section:
         if not any(_same(choice, trial.choice) for trial in report.trials):
             rows.append((*_choice_cells(choice), choice.reason or "less robust than the designs that ran"))
     head = ("Candidate", "Stable from, km/h", "Robust from, km/h", "Worst Ms where stable", "Reason")
-    rest = Table(head, rows, caption=f"Candidates that do not qualify, or are {NOT_RUN} as others are better.")
+    rest = Table(head, rows, caption=f"Candidates that do not qualify, or are {NOT_RUN} because others are better.")
     return Section("candidates", "Candidates", (Paragraph(text), ran, *([rest] if rows else [])))
 
 
@@ -609,7 +610,7 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
         f"is the stop of {brake} with the highest adhesion at every moment after dead time and lag; no controller is "
         "better. The attainable stop includes the rise of the slip; its controller knows the rail, and there is no "
         "noise. Slip held is the median over the second half of the time under control in the longest stop. Highest "
-        "slip is that of all seeds. "
+        "slip is the highest of all seeds. "
         f"{_elsewhere(report)}{again if report.stops else ''}"
     )
     return Section("stops", "Braking runs", (Paragraph(text), *_limits_of_stops(report), *shown, *_rolling(report)))
@@ -685,7 +686,7 @@ def _gains(report: DesignReport) -> Section | None:
         return None
     kp, ki = report.gains.chosen
     alt = f"Contours of the worst Ms over kp and ki on logarithmic axes; the design at kp {short(kp)}, ki {short(ki)}."
-    text = "Worst Ms for gains near the recommended ones, same lead, at operating points of lowest and highest speed."
+    text = "Worst Ms for gains near the recommended ones, with the same lead, at the lowest and the highest speed."
     return Section("gains", "Gains", (Picture("gains", text, alt),))
 
 

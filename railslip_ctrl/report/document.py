@@ -103,7 +103,7 @@ class Table:
         return len(self.rows) <= _SHORT
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        unlimited = options.update(max_width=_UNLIMITED)  # otherwise the console's width limits the measured one
+        unlimited = options.update(max_width=_UNLIMITED)  # otherwise the console's width limits the measured width
         repeated = list(range(self.left))
         shown = repeated
         for i in range(self.left, len(self.head)):
@@ -126,7 +126,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """Picture with caption; `name` is that of its drawing, `alt` describes it for readers who do not see it."""
+    """Picture with caption; `name` is the name of its drawing, `alt` describes the picture in words."""
 
     name: str
     caption: str

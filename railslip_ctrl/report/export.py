@@ -218,7 +218,7 @@ def _limits_json(assessment: Assessment) -> dict[str, Any]:
 
 
 def law_text(law: AdhesionLaw, source: str) -> str:
-    """Return the name of an adhesion law, with its source unless it is published: "beam as given (model.toml)"."""
+    """Return the name of an adhesion law, with its source if it is not published: "beam as given (model.toml)"."""
     if source == PUBLISHED:
         return law.name
     return f"{law.name} as given" + ("" if source == GIVEN else f" ({source})")
@@ -236,7 +236,7 @@ def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
 
 
 def source_at(point: OperatingPoint) -> str:
-    """Return the source of a point's adhesion law; it is compared with the published law of its rail, v0 and load."""
+    """Return the source of a point's adhesion law, by comparison with the published law for its rail, v0 and load."""
     v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
     return source_of(point.law, lambda: published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load))
 
@@ -262,7 +262,8 @@ def check_directory(directory: Path, names: Iterable[str]) -> None:
         raise InputError(f"--out: {str(directory)!r} cannot be created or written to; choose another folder")
     for name in names:
         if (directory / name).is_dir():
-            raise InputError(f"--out: {str(directory / name)!r} is a folder; remove it or choose another folder")
+            path = str(directory / name)
+            raise InputError(f"--out: a folder has the name of the file {path!r}; remove it, or give another --out")
 
 
 def _is_writable(directory: Path) -> bool:
@@ -289,7 +290,7 @@ FileContent = str | bytes | Callable[[Path], object]
 
 
 def write_files(directory: Path, files: Mapping[str, FileContent], *, option: str = "--out") -> list[Path]:
-    """Write all `files` into `directory`, which is created if missing, or none of them; return their paths.
+    """Write all `files` into `directory`, which is created if missing, or write no file; return the files' paths.
 
     - files: contents by file name.
     - option: command-line option that begins the message of an InputError.

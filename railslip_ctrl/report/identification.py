@@ -105,7 +105,7 @@ def _log_parts(result: Identification) -> list[RenderableType]:
 
 
 def _load_of(result: Identification) -> str:
-    """Return a remark if the wheel load of the log differs from that of the vehicle."""
+    """Return a remark if the log's wheel load differs from the vehicle's wheel load; else an empty text."""
     own = result.vehicle.wheel_load
     same = math.isclose(result.setting.wheel_load, own, rel_tol=1e-6)
     return "" if same else f" (in the log; the vehicle has {own:g} N)"
@@ -182,7 +182,7 @@ def _peak_table(peaks: tuple[PeakSlip, ...]) -> RenderableType:
         held = (fixed(peak.reference, 4), fixed(peak.reference_coefficient, 4))
         rows.append((peak.rail.value, peak.basis, f"{peak.speed / KMH:.4g}", *result, *held))
     return Table(
-        ("Rail", "Source", "km/h", "Peak slip (95 %)", "Peak mu (95 %)", "Reference", "mu at it"),
+        ("Rail", "Source", "km/h", "Peak slip (95 %)", "Peak mu (95 %)", "Reference", "mu there"),
         rows,
         left=2,
     )
@@ -207,7 +207,7 @@ def _peak_warning(result: Identification) -> str:
     lost = 100 * (1 - peak.reference_coefficient / peak.coefficient)
     known = f"has a 99 % interval from {max(low, 0.0):.3g}" if math.isfinite(low) else "has no 99 % interval"
     return (
-        f"; the peak slip {known}; the reference slip, with mu {lost:.0f} % below the highest, may be beyond it; "
+        f"; the peak slip {known}; the reference slip, with mu {lost:.0f} % below the highest, may be beyond the peak; "
         "record a log with more samples near the peak"
     )
 
@@ -246,7 +246,7 @@ def series_toml(result: LogSeries) -> str | None:
         return None
     comments = [
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
-        "Use with --adhesion and --initial-speed. Reference slips are those of the logs at their initial speeds.",
+        "Use with --adhesion and --initial-speed. The reference slips come from the logs at their initial speeds.",
         *(text for p in result.polynomials for text in _errors_of(p)),
         *(f"Warning: {warning}" for each in result.logs for warning in (*each.warnings, *each.fit_warnings)),
         *(f"Warning: {warning}" for warning in result.warnings),
@@ -262,7 +262,7 @@ def series_toml(result: LogSeries) -> str | None:
 def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
     """Return lines with the standard errors of a polynomial's coefficients, which are correlated, and of its values."""
     if not all(math.isfinite(x) for x in p.stderrs):
-        return (f"{p.name}: standard errors unknown, because a log has none",)
+        return (f"{p.name}: standard errors unknown, because the fit of a log has none",)
     values = (f"{p.stderr_at(speed):.3g} at {speed:.4g} km/h" for speed in sorted({*p.speeds_kmh.tolist()}))
     errors = ", ".join(f"{x:.3g}" for x in p.stderrs)
     text = f"{p.name}: standard errors of the coefficients {errors}; of the value {', '.join(values)}"

@@ -45,7 +45,7 @@ class Pictures:
         return {f"{name}.{form}": content for name, forms in self.drawn.items() for form, content in forms.items()}
 
     def write(self, directory: Path, written: Sequence[Path], files: Mapping[str, FileContent]) -> int:
-        """Write `files` into `directory`; return their number plus that of the files already `written`.
+        """Write `files` into `directory`; return the number of files, including the files already `written`.
 
         InputError if a picture is missing.
         """
@@ -57,7 +57,7 @@ class Pictures:
         if failure:
             names = ", ".join(path.name for path in written)
             raise InputError(
-                f"--out: not every picture could be made ({failure}); written to {str(directory)!r}: {names}; "
+                f"--out: not every picture could be made ({failure}); {str(directory)!r} has of this run: {names}; "
                 "do not use other files of this folder"
             )
         return len(written)

@@ -54,7 +54,7 @@ def _event(result: RareEvent) -> tuple[Rows, Table, list[RenderableType]]:
     run, rows = result.stop.run, [(name, fixed(value)) for name, value in result.stop.values.items()]
     rows += [
         ("Ends", f"{run.outcome.value} after {run.braking_time:.4g} s and {run.braking_distance:.5g} m"),
-        ("From the medians", f"{result.stop.distance:.3g} standard deviations, for all inputs together"),
+        ("Distance from medians", f"{result.stop.distance:.3g} standard deviations, for all inputs together"),
         ("To repeat it", "railslip simulate --scenario stop.toml --controller controller.toml --seed stop.npz"),
     ]
     return facts, table, [heading("Most likely failing stop", "-"), Facts(rows)]

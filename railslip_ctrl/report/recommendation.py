@@ -289,7 +289,7 @@ _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, slip ratio, and 
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # factors on the design's gains; 1 is in the middle
 _RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s, duration of the responses, and number of points
 
-_QUICK_FILTER = 0.05  # filter time constant over that of the lead, tried besides 0.1: larger ki, but more noise
+_QUICK_FILTER = 0.05  # ratio of the time constants of filter and lead, tried besides 0.1: larger ki, but more noise
 
 
 @checked
@@ -311,7 +311,7 @@ def design_report(
     - given: user's controllers by name; they run in the same stops and are judged if they have margins.
     - sliding: also verify the conditions of the predictive sliding-mode law, and find where a brake release prevents a
       lock; in a second process if there are two cores.
-    - fresh: verify the conditions again instead of reading them from the cache.
+    - fresh: verify the conditions again instead of reading the earlier result from the cache.
     - prefer: {"distance", "robustness"}; order of the candidates that qualify, see `ordered`.
     - progress: called with one line of text for each step.
     - meanwhile: called with the unfinished report, without rivals, gain map and attainable stops, which are still

@@ -88,7 +88,7 @@ def reproduction_json(
 
 
 def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
-    """Return the alternatives to the reading as JSON; `numbers` are those of Table 5 by column, null without a stop."""
+    """Return the alternatives to the reading as JSON; `numbers`: Table 5 by column, null if a run did not stop."""
     return {
         "seeds": sensitivity.seeds,
         "rms_deviation_percent": number(sensitivity.base_rms_deviation_percent),
@@ -152,7 +152,7 @@ def _sensitivity_parts(sensitivity: Sensitivity) -> list[RenderableType]:
             ("Runs", f"{sensitivity.seeds} seeds for each column, the same for reading and alternative"),
             ("Reading", f"rms deviation {sensitivity.base_rms_deviation_percent:.2f} %"),
             ("Rms", "deviation from the sixteen published numbers; - where runs did not stop"),
-            ("Largest change", "of a number from the reading, in affected columns in which all runs stopped"),
+            ("Largest change", "of a number by the alternative, in affected columns in which all runs stopped"),
         ]
     )
     columns = ("Rule", "Alternative", "Largest change", "Rms, %", "Did not stop")

@@ -48,7 +48,7 @@ class Stop:
     run: Run  # longest run of all seeds, with its signals
     others: tuple[Run, ...]  # runs with the other seeds, without signals
     settled_slip: float  # median slip ratio over the second half of the time under control of `run`
-    reference: float  # slip ratio to hold; for a controller with `own_slip` that of the adhesion law
+    reference: float  # slip ratio to hold; for a controller with `own_slip` the law's reference slip
     cut_out: float = 0.0  # m/s, speed below which slip is not controlled
     errors: str = ""  # errors of sensors and brake, or change of rail, as text; empty in nominal stops
     bound: ClairvoyantStop | None = None  # lower bound of the stop with this brake; None if unknown
@@ -159,7 +159,7 @@ LOG_PERIOD = 0.01  #: s, interval between recorded samples of a run, as in `rail
 def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
     """Controller that runs a linear design in stops, with the reference slip at which it was judged.
 
-    Without a reference of the envelope, the slips are those of the law of the first stops (`as_reference`).
+    Without a reference in the envelope, the reference slips of the first stops' law are used (`as_reference`).
     """
     operating = operating_points(judgement.points)
     reference = judgement.envelope.reference or as_reference(operating)

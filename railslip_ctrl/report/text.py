@@ -302,7 +302,8 @@ def _margin_table(assessment: Assessment, m: Margins) -> RenderableType:
     ]
     usable = assessment.stabilizing_gain_range
     if usable is not None:
-        rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "factor on this gain"))
+        factors = f"{usable[0]:.5g} to {fixed(usable[1])}"
+        rows.append(("Stabilising gain", factors, "×", "", "factor on the controller's gain"))
     return Table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, text_columns=(2, 4))
 
 
@@ -359,8 +360,8 @@ def judgement_parts(judgement: Judgement) -> list[RenderableType]:
     rows = [
         ("Envelope", envelope_text(judgement.envelope)),
         ("Points", f"{len(judgement.points)}, {operating} of them operating points (without tolerances)"),
-        ("Stable", "at no speed are all loops stable" if used is None else f"from {used:g} km/h up"),
-        ("Robust", "at no speed" if robust is None else f"from {robust:g} km/h up"),
+        ("Stable", "not at the highest speed" if used is None else f"from {used:g} km/h up"),
+        ("Robust", "not at the highest speed" if robust is None else f"from {robust:g} km/h up"),
     ]
     # the first line of the judgement is its verdict
     verdict, *notes = str(judgement).splitlines()

@@ -39,7 +39,7 @@ _TWO = -1 + 0.5 * _CIRCLE  # circle |1 + L| = 1/2; Ms is below 2 if L stays outs
 
 
 def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
-    """Draw a "bode", "nyquist" or "nichols" diagram of one loop over `band`, rad/s, by default that of its features."""
+    """Draw a "bode", "nyquist" or "nichols" diagram of one loop over `band`, rad/s, by default its feature band."""
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     margins, unstable = loop.margins() if loop.is_stable() else None, loop.unstable_closed_loop_poles
     # the diagrams need an assessment; this one has no operating point
@@ -357,7 +357,7 @@ def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
     size = np.ptp(points, axis=0)
     if not (size > 0).all():
         return None
-    # Delaunay triangles depend on the scale; use that of the picture, whose axes have equal length
+    # Delaunay triangles depend on the scale; use the scale of the picture, whose axes have equal length
     scaled = Triangulation(*(points / size).T)
     centres = points[scaled.triangles].mean(axis=1)
     within = np.any([Path(polygon).contains_points(centres) for polygon in polygons], axis=0)
