@@ -162,10 +162,10 @@ def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused_and_what
     (kink,) = published_law("beam", Rail.DRY).kinks(10.0, PARK2008.wheel_load)
     on_it = Envelope(laws="beam", rails="dry", speeds=36, reference={"dry": kink.slip, "wet": 0.1})
     for make, match in (
-        (lambda: Envelope("coach.toml"), r"^Envelope: vehicle: 'coach\.toml' is not a Vehicle; give load_vehicle"),
-        (lambda: load_envelope(path), "has no vehicle; give one too"),
+        (lambda: Envelope("coach.toml"), r"^Envelope: vehicle: 'coach\.toml' is not a Vehicle"),
+        (lambda: load_envelope(path), "has no vehicle"),
         (polach.points, "adhesion 'polach' has no reference slip"),
-        (lambda: on_it.points(nominal=True), "no case is left; beam, dry, empty"),
+        (lambda: on_it.points(nominal=True), "no case is left; .*beam, dry, empty"),
     ):
         with pytest.raises(InputError, match=match):
             make()
