@@ -215,7 +215,7 @@ def _positive_first(fraction: sp.Expr) -> sp.Expr:
 
 
 def adhesion_torque() -> sp.Expr:
-    """Adhesion torque (25): Ta in omega', omega and Tb, from (3) without the unmeasured torques (Td = Tr = 0)."""
+    """Adhesion torque Ta (25) from omega', omega and Tb, by (3) without the unmeasured torques (Td = Tr = 0)."""
     return sp.expand(sp.solve(plant.WHEEL.subs({plant.Td: 0, plant.Tr: 0}), plant.Ta)[0])
 
 

@@ -26,7 +26,7 @@ from railslip_ctrl.model.kernels import (
 # --- layout --------------------------------------------------------------------------------------------------------
 
 V, SIGMA, Z, TORQUE, DISTANCE = 0, 1, 2, 3, 4
-WORK = 5  # first of six works, J, taken from train and wheel: brake, slip, viscous, resistance, random, disturbance
+WORK = 5  # index of the first of six works on train and wheel, J: brake, slip, viscous, resistance, random, disturbance
 STATES = 11
 
 STOPPED, OUT_OF_TIME, OUTSIDE_DOMAIN, NOT_FINITE, TOO_STIFF = 0, 1, 2, 3, 4
@@ -382,7 +382,7 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
     tiny = 1e-9 * a.period
     summary[:] = 0.0
     summary[FIRST_LOCK], summary[STARTING_ENERGY] = math.nan, energy(y, p)
-    # False; a constant would make Numba compile the following code twice, for a constant and for a variable
+    # False at first; the constant False would make Numba compile the loop twice, for a constant and for a variable
     locked = math.isfinite(summary[FIRST_LOCK])
     rows, t, torque, status = 0, 0.0, y[TORQUE], OUT_OF_TIME
     for sample in range(math.ceil(a.longest_time / a.period - 1e-9)):

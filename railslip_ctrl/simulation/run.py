@@ -131,7 +131,7 @@ class Noise(NamedTuple):
 
 
 Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
-"""Source of random force and sensor noise: a seed, the random numbers themselves (`Noise`), or None for neither."""
+"""Source of random force and sensor noise: a seed, the random numbers (`Noise`), or None for no force and no noise."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ class Run:
 
     @property
     def reached(self) -> bool:
-        """True if the slip reached 0.95 times the smallest reference on the run's rails, or if it has no reference."""
+        """True if the slip reached 0.95 times the smallest reference of the run, or if the controller has none."""
         return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
@@ -306,7 +306,7 @@ class Simulator:
         return self.result(seed, status, y, summary, log[:written] if every else None)
 
     def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
-        """Return random forces, N, measurement noise (samples, 2), and the time for which a force acts, s (0: none)."""
+        """Return random forces, N, measurement noise (samples, 2), and the time for which a force acts, s, or 0."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
         spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:

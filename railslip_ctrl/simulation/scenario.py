@@ -216,8 +216,8 @@ class Scenario(Record):
     def for_vehicle(self, vehicle: Vehicle) -> Self:
         """Return a copy of the scenario for another vehicle.
 
-        A published law and the random force are adapted to its wheel load; the mass of an event becomes its loaded
-        mass.
+        A published law and the random force are adapted to the vehicle's wheel load; the mass of an event becomes the
+        vehicle's loaded mass.
         """
         events = tuple(
             event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event
