@@ -128,7 +128,7 @@ class Sliding(Controller):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        assert self.adhesion is not None, "a C program needs one"
+        assert self.adhesion is not None, "a C program needs an adhesion law"
         given = f", {self.adhesion.file}" if self.adhesion.file else ""
         return (
             "",
