@@ -41,7 +41,7 @@ def main(argv: Sequence[str]) -> None:
         peak = (
             f"peak {curve.peak.coefficient:.4f} at slip {curve.peak.slip:.4f}"
             if curve.rises
-            else f"falls from {curve.peak.coefficient:.4f} at no slip"
+            else f"falls from {curve.peak.coefficient:.4f} at slip 0"
         )
         reference = "" if curve.reference is None else f", published reference {curve.reference:g}"
         print(f"{curve.law:8s} v0 = {curve.initial_speed_kmh:3.0f} km/h: {peak}{reference}")

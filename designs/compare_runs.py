@@ -100,7 +100,7 @@ def margins_text(rows: tuple[WorstMargins, ...]) -> str:
         if row.unstable_points == 0:
             lines[-1] += f" {row.ms:7.4g} {row.gain_increase:7.4g} {row.phase_deg:10.4g} {row.delay_s:8.4g}"
     note = (
-        "The ASMC and the slide protection switch and have no such margins. Gains that are unstable at the reference "
+        "The ASMC and the slide protection are nonlinear and have no margins. Gains that are unstable at the reference "
         "slip may still stop the train, if the stop ends before the slip reaches the reference."
     )
     return "\n".join([*lines, *textwrap.wrap(note, 110), ""])

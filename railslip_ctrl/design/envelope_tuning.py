@@ -130,8 +130,8 @@ def tune(
     - ms_max: largest Ms at the operating points, a ratio, > 1, of the continuous and the sampled loop; 2 if there is no
       other requirement. Tolerances are judged, but not used for tuning.
     - phase_min, delay_min: smallest phase margin, deg, and smallest delay margin, s.
-    - minimise_ms, ki_min: minimise the worst Ms instead of maximising the integral gain, which is at least `ki_min`,
-      N*m/m.
+    - minimise_ms, ki_min: minimise the worst Ms, at an integral gain of at least `ki_min`, N*m/m; without them the
+      integral gain is maximised.
     - nominal: judge without tolerances.
     - lead, lead_filter: time constants of the lead, s; by default the actuator's lag, and a tenth of the lead.
     - period: sampling period, s; by default 10 ms, or that of the kind's rule. It is at most twice the lead's filter.
