@@ -128,7 +128,7 @@ class Assessment:
             numbers = f"Ms {ms_up(self.margins.ms)}"
             if self.as_run is not None:
                 ms = "unstable" if self.sampled is None else f"Ms {ms_up(self.sampled.ms)}"
-                numbers += f", {ms} sampled every {self.as_run.period:g} s"
+                numbers += f", {ms} if sampled every {self.as_run.period:g} s"
             return f"{self.verdict.value} ({numbers})"
         poles = f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
         if math.isinf(self.unstable_poles):

@@ -80,7 +80,7 @@ class WorstCase:
         """Ms, also of the sampled loop, with the case as text."""
         if self.as_run is None or self.margins is self.sampled is None:
             return self.loop_description
-        run = f"{_kept(self.sampled)} sampled every {self.as_run.period:g} s"
+        run = f"{_kept(self.sampled)} if sampled every {self.as_run.period:g} s"
         if self.run_case is self.case:
             return f"{_kept(self.margins)} ({run}) at {self.case.description}"
         return f"{self.loop_description} ({run} at {self.run_case.description})"
