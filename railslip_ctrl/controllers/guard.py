@@ -78,7 +78,7 @@ class Guard(Record):
 
     @classmethod
     def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
-        """Return the guard of a controller; without limits of its own, from 0 to the vehicle's full brake."""
+        """Return the guard of a controller; missing limits become 0 and the vehicle's full brake."""
         least, most = control.least_torque, control.largest_torque
         radius = getattr(control, "radius", None)
         return cls(

@@ -42,7 +42,7 @@ _LOST = 16.0  # m/s, slip velocity gained in one dead time if mu falls by 1; 15.
 _QUICKEST = 0.44  # smallest x of `for_vehicle`: below it, a brake 30 % faster than assumed makes the loop unstable
 _HAND_OVER = 4.2  # slip velocity gained in one dead time over hand-over speed; gives 14 km/h for the published vehicle
 _FADE = 27 / 13  # speed below which the reference fades, over the hand-over speed
-_LEAST_HAND_OVER_KMH = 5  # smallest hand-over speed
+_LEAST_HAND_OVER_KMH = 5  # km/h, smallest hand-over speed
 MEAN_TIME = 0.5  # s, time constant of the mean of the holding torque
 ASSUMED = 0.1  # adhesion coefficient assumed for the hand-over while the rail is unknown
 _LOCKED = 0.9  # slip ratio above which a wheel counts as locked, below the hand-over speed
@@ -183,8 +183,8 @@ class Predictive(Controller):
         kappa = 0.27 x/theta, k = 0.3/theta, K = 0.23 N r/(theta + T), phi = 0.75 x theta K, observer 0.34 x theta,
         deceleration 0.52 theta. The hand-over speed is N r^2 theta/(4.2 J), in whole km/h and at least 5; the reference
         fades below 27/13 times this speed. The factors were found from stops on many rails: halving or doubling a
-        factor changes the distances less than the random force does. With kappa and phi, light and heavy vehicles have
-        Ms <= 2 and are stable with their tolerances.
+        factor changes the distances less than the random force does. With these kappa and phi the loops of light and
+        heavy vehicles have Ms <= 2 and are stable with the tolerances.
 
         N r^2 theta/J is the slip velocity gained in a dead time without adhesion (mu = 1). x = 16 m/s J/(N r^2 theta),
         from 0.44 to 1: the larger the wheel load, the sooner slip runs away past the peak, and the sooner the torque

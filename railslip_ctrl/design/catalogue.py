@@ -115,7 +115,7 @@ LEAD, LEAD_FILTER = 0.6, 0.06  #: s, lead and lead filter for the published brak
 INITIAL_SHARE = 0.12
 """Initial torque of `recommended_pi_lead`, relative to wheel load times radius.
 
-It is below the adhesion peak of the wet rail of [Park2008], 0.153, so that it locks the wheel on neither rail.
+It is below the adhesion peak of the wet rail of [Park2008], 0.153, so that both rails can transmit it.
 """
 
 SPEEDS_KMH = (20.0, 60.0, 100.0)

@@ -138,8 +138,8 @@ def tune(
 
     Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, with tolerances.
     InfeasibleDesignError: no gains meet the specification. The message has the lowest speed (km/h) above which some
-    gains do, also with a smaller reference slip and with a faster brake. InputError: an unknown structure, a number out
-    of range, `ki_min` or `minimise_ms` alone, an argument that the structure does not use, or an envelope without
+    gains meet it, also for a smaller reference slip and for a faster brake. InputError: an unknown structure, a number
+    out of range, `ki_min` or `minimise_ms` alone, an argument that the structure does not use, or an envelope without
     points.
     """
     specification, kind = Specification(ms_max, phase_min, delay_min), structure_named(structure)
@@ -598,7 +598,7 @@ class _Search:
         return PIController(PIGains(kp=kp, ki=kp / integral_time), self.lead, self.lead_filter)
 
     def best(self) -> tuple[PIController, float | None]:
-        """Return the controller, and the lowest speed, km/h, from which up Ms <= 2; None instead if no speed has it.
+        """Return the controller, and the lowest speed, km/h, from which up Ms <= 2, or None if Ms > 2.
 
         InfeasibleDesignError if no gains stabilise the loops at the highest speed.
         """

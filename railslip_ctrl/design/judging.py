@@ -42,8 +42,8 @@ _ENGINES_AGREE = 1e-6  # relative difference of Ms computed for many loops at on
 class WorstCase:
     """Worst case of a controller, with the loop of this case and the margins of the loop (None if it is unstable).
 
-    `run_case`, `as_run` and `sampled` are the case, the loop and the margins of the worst sampled loop. `as_run` and
-    `sampled` are not None only if a continuous controller states its sampling.
+    `run_case`, `as_run` and `sampled` are the case, the loop and the margins of the worst sampled loop of a continuous
+    controller that states its sampling. For any other controller `as_run` and `sampled` are None.
     """
 
     case: Case

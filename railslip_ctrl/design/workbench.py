@@ -39,7 +39,7 @@ class Workbench:
             own = getattr(getattr(controller, "controller", controller), "reference", None)
             self.given = as_control(controller, envelope.vehicle, envelope.reference or own or self.reference)
             if not self.given.design_numbers():
-                raise InputError(f"controller: {self.given.label} has no named parameters; give a controller that has")
+                raise InputError(f"controller: {self.given.label} has no named parameters; give another controller")
         _ = self.reference
 
     @cached_property

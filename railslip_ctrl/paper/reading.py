@@ -133,7 +133,7 @@ def _wet_by(law: type[Curve]) -> Change:
 
 
 def _plant(columns: Sequence[Column] = COLUMNS, **changes: Any) -> Change:
-    """Return the change that sets arguments of `published_scenario`, in the Table 5 columns with these gains."""
+    """Return the change that sets arguments of `published_scenario`, for gains of these `columns` of Table 4."""
     return lambda setup: replace(setup, scenario=published_scenario(**changes)) if setup.case.gains in columns else None
 
 

@@ -26,7 +26,7 @@ from railslip_ctrl.model.kernels import (
 # --- layout --------------------------------------------------------------------------------------------------------
 
 V, SIGMA, Z, TORQUE, DISTANCE = 0, 1, 2, 3, 4
-WORK = 5  # index of the first of six works on train and wheel, J: brake, slip, viscous, resistance, random, disturbance
+WORK = 5  # first of six works, J, taken from train and wheel: brake, slip, viscous, resistance, random, disturbance
 STATES = 11
 
 STOPPED, OUT_OF_TIME, OUTSIDE_DOMAIN, NOT_FINITE, TOO_STIFF = 0, 1, 2, 3, 4
