@@ -101,7 +101,7 @@ def failures(si: Verification, published: Verification) -> str:
     """Return the conditions that fail without the actuator, with the evidence in SI, and differences as published."""
     lines = [
         f"Without the actuator {len(si.failing)} of {len(si.conditions)} conditions do not hold in SI",
-        "(railslip verify adds those with the actuator):",
+        "(railslip verify also checks the conditions with the actuator):",
     ]
     for each in si.failing:
         lines += [f"  {each.name}", textwrap.fill(evidence(each), 110, initial_indent="    ", subsequent_indent="    ")]

@@ -138,7 +138,7 @@ class Tolerated:
 
     - gain: smallest and largest brake gain, relative to the assumed one, with all loops stable.
     - dead_time, lag: largest relative error of each alone, in both directions, at most 1, with all loops stable.
-    - from_kmh: lowest speed above which the loop is robust with all tolerances of an envelope; None if there is none.
+    - from_kmh: lowest speed above which the loop is robust with all tolerances of an envelope; None if it is nowhere.
     """
 
     gain: tuple[float, float]

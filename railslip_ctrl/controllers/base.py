@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["LEAST_PERIOD", "PERIOD", "Controller", "DesignNumber", "Measurement", "Situation", "outside"]
 
 PERIOD = 0.01
-"""Default sampling period, s; common brake control units use it."""
+"""Default sampling period, s; common in brake control units."""
 
 LEAST_PERIOD = 1e-5
 """Shortest allowed sampling period, s; a shorter one needs more memory without being more accurate."""
@@ -445,7 +445,7 @@ class Controller(Record):
     def save(self, path: str | Path) -> None:
         """Write the controller to a TOML file at a `path`; every command and `load_controller` read it.
 
-        InputError if it cannot be written.
+        InputError if the file cannot be written.
         """
         path = given_path(path)
         try:

@@ -20,8 +20,8 @@ gain crossovers, of which there are at most n + 2; and -tau omega wherever |L| >
 
     tau * measure of {omega > 0: |L(j omega)| > 1} >= pi (2 n + m + 7)
 
-implies unstable poles. With |C| >= |kp| - |B| and |C| >= ki/omega - |kp A + B| this bounds both gains; for a PI
-|C| >= ki/omega.
+implies unstable poles. With |C| >= |kp| - |B| and |C| >= ki/omega - |kp A + B| this inequality bounds kp and ki; for a
+PI |C| >= ki/omega.
 """
 
 from __future__ import annotations

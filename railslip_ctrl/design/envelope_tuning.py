@@ -121,8 +121,8 @@ def tune(
 ) -> Design:
     """Tune one controller for all operating points of an envelope, empty and loaded, with the largest integral gain.
 
-    A kind whose parameters follow from the vehicle is made by its rule. The arguments are the options of `railslip
-    tune`.
+    If the parameters of the kind follow from the vehicle, they are computed and not tuned. The arguments are the
+    options of `railslip tune`.
 
     - envelope: operating points and tolerances of the controller.
     - structure: a kind: "pi"; "pi-lead", whose lead cancels the actuator's lag; "pid", whose derivative time is
@@ -134,7 +134,7 @@ def tune(
       integral gain is maximised.
     - nominal: judge without tolerances.
     - lead, lead_filter: time constants of the lead, s; by default the actuator's lag, and a tenth of the lead.
-    - period: sampling period, s; by default 10 ms, or that of the kind's rule. It is at most twice the lead's filter.
+    - period: sampling period, s; by default 10 ms, or that of the kind's rule; at most twice `lead_filter`.
 
     Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, with tolerances.
     InfeasibleDesignError: no gains meet the specification. The message has the lowest speed (km/h) above which some

@@ -536,7 +536,7 @@ def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, der
     a graph.
 
     InputError: the plant is not unstable; no PI (theta >= T) or no PID (theta >= 2 T) stabilises its model; lambda is
-    not > 0; or `first_order_model` raises it.
+    not > 0; or the plant is not allowed in `first_order_model`.
     """
     model = first_order_model(plant, dead_time)
     if model.kind is not Kind.UNSTABLE:

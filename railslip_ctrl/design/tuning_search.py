@@ -98,7 +98,7 @@ class Forbidden:
     def gaps(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
         """Return the intervals of kp, ascending, that no sample excludes at this ki > 0, within `reach`.
 
-        With a larger ki `to`, return those that the bound on Ms does not exclude at every ki from `ki` to `to`.
+        With a larger ki `to`, return intervals that Ms does not exclude at every ki from `ki` to `to`.
         """
         parts = [*self._arcs(ki / self._omega, specification), *self._crossover_ends(ki, specification)]
         if to is not None:
@@ -192,7 +192,7 @@ def _leg(hypotenuse: Floats, other: Floats) -> Floats:
 def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     """Return the interval of [0, 1] on which all linear functions, given by their values at 0 and 1, are >= 0.
 
-    If there is none, its start is above its end.
+    If the functions have no such interval in common, the start is above the end.
     """
     start, end = np.zeros(ends[0][0].size), np.ones(ends[0][0].size)
     for first, last in ends:
@@ -216,7 +216,7 @@ _FAR_UP, _FAR_DOWN = 4.0, 20.0  # largest steps of ln ki in the search for a bra
 _FINEST = 0.04  # relative width of a band of ki that is not divided further
 _LOOKS = 7  # number of kp in a gap for a coarse minimum
 _TOP = 2e-3  # relative tolerance of ki at which the bisection ends and exact margins are used
-_PIECES = 8  # pieces of a gap if there is a requirement on the crossover, because the crossover may jump within it
+_PIECES = 8  # pieces of a gap if there is a requirement on the crossover, because the crossover may jump in a gap
 _LARGEST_MS = 1e6  # largest Ms - 1; loops above it count as unstable
 _LEAST_MS = 1e-9  # smallest Ms - 1
 _TIGHTENINGS = 16  # bisections of a bound before exact margins are used
@@ -462,7 +462,7 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
 
 
 def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
-    """Return ln ki near `start` that meets a condition, and one that fails; equal if all meet it, None if none does."""
+    """Return a ln ki near `start` that meets a condition and one that does not; equal if all meet it, None if none."""
     first, here = bool(met(start)), start
     while step < (_FAR_UP if first else _FAR_DOWN):
         ahead = here + (step if first else -step)

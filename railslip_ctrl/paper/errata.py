@@ -279,7 +279,7 @@ def _named(expression: sp.Expr, derivation: Derivation) -> sp.Expr:
 
 
 def _random_force(derivation: Derivation) -> Erratum:
-    """Erratum of Fr as a random force: it enters the plant once, through Tr, but (35) twice."""
+    """Erratum of Fr as a random force: the force enters the plant once, through Tr, but enters (35) twice."""
     force = sp.Symbol("F_random", real=True)
     twice = printed.s_rate.subs({plant.Fr: force, plant.Tr: plant.r * force})
     once = derivation.s_rate.subs({plant.Fr: 0, plant.Tr: plant.r * force})

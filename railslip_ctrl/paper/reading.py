@@ -128,7 +128,7 @@ def _part(name: str, **changes: Any) -> Change:
 
 
 def _wet_by(law: type[Curve]) -> Change:
-    """Return the change that replaces the curve by one with another effect of a wet rail."""
+    """Return the change that replaces the curve by a curve with another effect of a wet rail."""
     return lambda setup: _scenario(adhesion=law(**dict(setup.scenario.adhesion)))(setup)
 
 

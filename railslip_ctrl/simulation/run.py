@@ -143,7 +143,7 @@ class Run:
     - braking_time, braking_distance, final_speed: values at the end of the run, s, m, m/s.
     - energies: energy balance.
     - mean_abs_slip_error: mean over time of |slip - reference|, slip ratio; NaN for a controller without a reference.
-    - mean_abs_slip_error_published: the same for the reference slip ratio of [Park2008], 0.132 dry, 0.092 wet; NaN
+    - mean_abs_slip_error_published: this mean for the reference slip ratio of [Park2008], 0.132 dry, 0.092 wet; NaN
       unless the scenario is the published one and the controller has a reference.
     - max_slip: highest slip ratio; locked_fraction: share of time with r omega < 0.02 v.
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.

@@ -70,8 +70,9 @@ class Measurement(Record):
     """Measurement of train speed and wheel speed: scale, noise, quantisation, encoder, low-pass filter.
 
     The wheel encoder is read at each sample. The measured speed is the angle between the last teeth of two readings
-    over the time between these teeth. It is therefore a mean over this time, delayed by half of it. If no tooth passes
-    between two readings, the measured speed is at most that of a tooth that would pass at the second reading.
+    over the time between these teeth. The measured speed is therefore a mean over this time, with half this time as
+    delay. If no tooth passes between two readings, the measured speed is at most that of a tooth that would pass at the
+    second reading.
     """
 
     speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)

@@ -1,7 +1,7 @@
 """Execution of a campaign, in processes of this machine or on a Dask cluster, and replay of single runs.
 
-A new campaign is divided into parts. Its folder has a manifest and a Parquet file for each finished part. A resumed
-campaign runs the missing parts.
+A new campaign is divided into parts. The folder of the campaign has a manifest and a Parquet file for each finished
+part. A resumed campaign runs the missing parts.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ class Store:
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
-                f"{where}: has the results of another campaign; choose another folder, or give that campaign"
+                f"{where}: has the results of another campaign; choose another folder, or give that other campaign"
             )
         return cls(campaign, folder, size)
 
@@ -420,7 +420,7 @@ def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
 @contextmanager
 def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
     """Start worker processes; threads would wait for Python's lock, which a run holds for a third of its time."""
-    cache_folder()  # made before the workers start, so that they share a temporary one
+    cache_folder()  # created before the workers start, so that they share a temporary folder
     try:
         with processes(count) as submit:
             for _ in range(count):

@@ -271,7 +271,7 @@ def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: st
 
 
 class _Study:
-    """Study of an event in a campaign's stops; with a folder, finished tasks are kept in it and not repeated."""
+    """Study of an event in a campaign's stops; a folder keeps finished tasks, which are then not repeated."""
 
     def __init__(self, campaign: Campaign, event: Event, points: int, repeats: int) -> None:
         number("points", points, ge=100)
