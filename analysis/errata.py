@@ -34,7 +34,7 @@ class Errata:
 
 
 def run() -> Errata:
-    """Derive the law for both references and compare it with the printed one."""
+    """Derive the law for both references and compare it with the printed law."""
     derivations = [derive(reference=reference) for reference in ("proportional", "constant")]
     proportional, constant = (errata(derivation) for derivation in derivations)
     return Errata(

@@ -1,4 +1,4 @@
-"""How long is the stop that is exceeded once in a billion, and do three methods agree on it?
+"""Which braking distance does one stop in a billion exceed, and do three methods agree on it?
 
 The published vehicle and a coach on wet rail from 100 km/h with the seeking controller. Mass, adhesion, brake gain and
 dead time vary, and a random force acts. Subset simulation gives the whole tail of the distance, importance sampling the

@@ -132,7 +132,7 @@ class Sliding(Controller):
         given = f", {self.adhesion.file}" if self.adhesion.file else ""
         return (
             "",
-            f"It assumes the static force of the adhesion law {self.adhesion.name!r}{given}, on "
+            f"The controller assumes the static force of the adhesion law {self.adhesion.name!r}{given}, on "
             f"{self.adhesion.rail.value} rail.",
             "",
             *CAUTIONS,
