@@ -30,7 +30,7 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Stop:
-    """A stop from 100 to 5 km/h without and with noise, the no-lock region, and its samples of the noisy run."""
+    """A stop from 100 to 5 km/h without and with noise, the no-lock region, and the noisy samples in this region."""
 
     rail: str
     runs: tuple[rs.Run, rs.Run]
