@@ -1,4 +1,4 @@
-"""Which equations and numbers of [Park2008] follow from its own model, which do not, and by how much do these differ?
+"""Which equations and numbers of [Park2008] do not follow from the paper's own model, and by how much do they differ?
 
 Each equation or number in question is entered as printed and compared with the derived or computed one, for a reference
 slip velocity proportional to the train speed and for a constant one. The table also has the equations that agree.
@@ -16,7 +16,7 @@ from railslip_ctrl.sliding.derivation import derive
 
 @dataclass(frozen=True)
 class Errata:
-    """Errata by their place in the paper for the proportional reference; True if the constant one gives the same."""
+    """Errata by place in the paper, for the proportional reference; True if the constant reference gives the same."""
 
     rows: dict[str, Erratum]
     all_steps_checked: bool
@@ -34,7 +34,7 @@ class Errata:
 
 
 def run() -> Errata:
-    """Derive the law for both references and compare it with the printed one."""
+    """Derive the law for both references and compare it with the printed law."""
     derivations = [derive(reference=reference) for reference in ("proportional", "constant")]
     proportional, constant = (errata(derivation) for derivation in derivations)
     return Errata(

@@ -56,8 +56,8 @@ def main(argv: Sequence[str]) -> None:
     for name, trial in result.runs.items():
         print(
             f"Figs. 18-21, {name}: {trial.braking_time:.1f} s, {trial.braking_distance:.0f} m, highest torque "
-            f"{trial.max_torque / 1e3:.2f} kN m, slip {result.mean_error_on_dry(name):+.3f} from its reference on dry "
-            f"rail, up to {result.highest_slip_after_switch(name):.2f} when it turns wet"
+            f"{trial.max_torque / 1e3:.2f} kN m, mean slip error {result.mean_error_on_dry(name):+.3f} on dry rail, "
+            f"highest slip {result.highest_slip_after_switch(name):.2f} after the rail turns wet"
         )
     if argv:
         draw(result, Path(argv[0]))

@@ -74,7 +74,7 @@ def coverage(test: RigTest, name: str, estimates: Iterable[Parameter]) -> Covera
 
 
 def run(seeds: int = SEEDS, *, spread: float = 0.0, workers: int | None = 1) -> tuple[Coverage, ...]:
-    """Return the coverage for each law, speed and parameter; `workers` is the number of processes, None: one a core."""
+    """Return the coverage for each law, speed and parameter; `workers` is the number of processes, None: all cores."""
     tests = [dataclasses.replace(test, spread=spread) for law in LAWS for test in published_tests(law)]
     jobs = [test for test in tests for _ in range(seeds)], list(range(seeds)) * len(tests)
     if workers == 1:

@@ -101,12 +101,12 @@ def failures(si: Verification, published: Verification) -> str:
     """Return the conditions that fail without the actuator, with the evidence in SI, and differences as published."""
     lines = [
         f"Without the actuator {len(si.failing)} of {len(si.conditions)} conditions do not hold in SI",
-        "(railslip verify adds those with the actuator):",
+        "(railslip verify also checks the conditions with the actuator):",
     ]
     for each in si.failing:
         lines += [f"  {each.name}", textwrap.fill(evidence(each), 110, initial_indent="    ", subsequent_indent="    ")]
-    other = sorted({each.name for each in si.failing} ^ {each.name for each in published.failing})
-    lines.append(f"As published (M, J and B times 3.6) {'differ: ' + ', '.join(other) if other else 'the same fail.'}")
+    other = ", ".join(sorted({each.name for each in si.failing} ^ {each.name for each in published.failing}))
+    lines.append(f"As published (M, J and B times 3.6) the {f'differences are: {other}' if other else 'same fail.'}")
     return "\n".join(lines)
 
 
@@ -116,8 +116,8 @@ def step_text(result: LyapunovCheck) -> str:
         return f"the stop is over before the mass steps at {STEP_TIME:g} s"
     theta1, k1 = result.stepped.theta[0], PUBLISHED_LAW.k1
     return (
-        f"at the mass step at {STEP_TIME:g} s V jumps by {result.jump():+.4f} m^2/s^2 (with theta_hat = theta before "
-        f"it: {theta1**2 / (2 * k1):+.4f})"
+        f"at the mass step at {STEP_TIME:g} s V jumps by {result.jump():+.4f} m^2/s^2 (by {theta1**2 / (2 * k1):+.4f} "
+        "if theta_hat = theta before the step)"
     )
 
 

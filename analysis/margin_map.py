@@ -42,7 +42,7 @@ def main() -> None:
         print(f"\n{name}: {len(judged.points)} cases, {100 * judged.stable.mean():.2f} % stable; {judged.verdict_line}")
         for axis, values in judged.by_axis().items():
             cells = (f"{_text(v)}: {100 * share:.0f} % / {ms:.3g}" for v, (share, ms) in values.items())
-            print(f"  {axis} (stable / worst Ms of the stable): " + ",  ".join(cells))
+            print(f"  {axis} (stable / worst Ms of the stable loops): " + ",  ".join(cells))
     if len(sys.argv) > 1:
         draw(result, Path(sys.argv[1]))
 

@@ -1,8 +1,8 @@
-"""How do the paper's two adhesion models differ, and are its reference slips at the peaks of these models?
+"""How do the paper's two adhesion models differ, and are the paper's reference slips at the peaks of these models?
 
 The script reproduces [Park2008] Figs. 13 to 15: mu over slip on dry rail at initial speeds of 30, 60, 100 and 140 km/h,
 for the beam model and the bristle model; the latter along a slip ramp and in steady state. The rig's measurements were
-only printed as marks in Fig. 13, so that of Table 3 only the arithmetic can be checked.
+only printed as marks in Fig. 13, so that only the arithmetic of Table 3 can be checked.
 
     python analysis/model_curves.py [FOLDER for the pictures]
 """
@@ -41,7 +41,7 @@ def main(argv: Sequence[str]) -> None:
         peak = (
             f"peak {curve.peak.coefficient:.4f} at slip {curve.peak.slip:.4f}"
             if curve.rises
-            else f"falls from {curve.peak.coefficient:.4f} at no slip"
+            else f"falls from {curve.peak.coefficient:.4f} at slip 0"
         )
         reference = "" if curve.reference is None else f", published reference {curve.reference:g}"
         print(f"{curve.law:8s} v0 = {curve.initial_speed_kmh:3.0f} km/h: {peak}{reference}")

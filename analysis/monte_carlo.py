@@ -6,7 +6,8 @@ as published. Results, which the tests check with few runs:
 
 - On every vehicle the PI-lead has a shorter braking distance than the published PI and the published ASMC, and its
   median slip error is much smaller. The ASMC has a shorter distance than the PI, but not a smaller slip error.
-- If the adhesion is a third lower than its curve, the ASMC has the longest distance, or does not stop in time.
+- If the adhesion is a third lower than the curve that the ASMC assumes, the ASMC has the longest distance, or does not
+  stop in time.
 - The published PI never locks the wheel. The two faster controllers lock it in about a tenth of the runs, always within
   two seconds after the rail turns wet. These vehicles are slow at that time (light, or with high adhesion), so that the
   brake's dead time is long compared with the time in which the wheel locks.

@@ -93,7 +93,7 @@ class ObserverErrors:
 class TradeOff:
     """Errors over a setting of an observer: tau (s) of a filter, or the walk ((N*m)^2/s) of the Kalman filter.
 
-    `errors` are those at the `settings`, 1-D. `best` is the setting with the smallest total error, `at_best` its error.
+    `errors` are those at the `settings`, 1-D. `best` is the setting of smallest total error, with errors `at_best`.
     """
 
     settings: Floats

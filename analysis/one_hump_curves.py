@@ -67,7 +67,7 @@ def identified(seed: int, *, noisy: bool) -> Identified:
 
 
 def run(curves: int = CURVES, *, first: int = 0, workers: int | None = 1) -> dict[str, tuple[Identified, ...]]:
-    """Return the results without and with noise; `workers` is the number of processes, None: one a core."""
+    """Return the results without and with noise; `workers` is the number of processes, None: all cores."""
     seeds, jobs = range(first, first + curves), {"without noise": False, "with noise": True}
     if workers == 1:
         return {name: tuple(identified(seed, noisy=noisy) for seed in seeds) for name, noisy in jobs.items()}

@@ -56,7 +56,7 @@ class Stop:
 
 
 def attainable(scenario: Scenario) -> float:
-    """Return the distance of the attainable or the clairvoyant stop, m, with which others are compared."""
+    """Return the distance of the attainable or the clairvoyant stop, m, with which the stops are compared."""
     distance = math.inf if scenario.events else attainable_stop(scenario).braking_distance
     return distance if math.isfinite(distance) else clairvoyant_stop(scenario).braking_distance
 
@@ -88,7 +88,7 @@ def _locked_at(simulator: rs.Simulator, run: rs.Run) -> float:
 
 
 def run(seeds: Iterable[int], *, family: str = "one hump", workers: int | None = 1) -> list[Stop]:
-    """Return the stops of some seeds; `workers` is the number of processes, None: one a core."""
+    """Return the stops of some seeds; `workers` is the number of processes, None: all cores."""
     stops_of_seed = partial(stops_of, family=family)
     if workers == 1:
         return [stop for seed in seeds for stop in stops_of_seed(seed)]

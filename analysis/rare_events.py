@@ -1,18 +1,18 @@
-"""How long is the stop that is exceeded once in a billion, and do three methods agree on it?
+"""Which braking distance does one stop in a billion exceed, and do three methods agree on it?
 
 The published vehicle and a coach on wet rail from 100 km/h with the seeking controller. Mass, adhesion, brake gain and
-dead time vary, and a random force acts. Subset simulation has the whole tail of the distance, importance sampling its
-end, and a plain campaign, of another stream of random numbers, its beginning. Answers, of one seed:
+dead time vary, and a random force acts. Subset simulation gives the whole tail of the distance, importance sampling the
+end of the tail, and a plain campaign, with other random numbers, the beginning. Results of one seed:
 
-- the published vehicle exceeds 368 m with a probability of 1e-9; the nominal stop takes 256 m;
-- importance sampling has 9.9e-10 with a coefficient of variation of 2 %, subset simulation 8.9e-10 with 10 %, in 77 706
-  stops together;
-- the coach exceeds 370 m with a probability of 1.7e-9, coefficient of variation 4 %, in 84 599 stops;
-- a plain campaign of a million stops of the published vehicle agrees down to 9 stops of a million, beyond 330 m: 9e-6
-  with an interval of 4.7e-6 to 1.7e-5, against 1.4e-5 with one of 1.2e-5 to 1.7e-5;
-- adhesion has nine tenths of the share, mass one tenth, the brake and the random force next to nothing.
+- The published vehicle exceeds 368 m with a probability of 1e-9; the nominal stop takes 256 m.
+- Importance sampling gives 9.9e-10 with a coefficient of variation of 2 %, subset simulation 8.9e-10 with 10 %, with
+  77 706 stops in all.
+- The coach exceeds 370 m with a probability of 1.7e-9 and a coefficient of variation of 4 %, with 84 599 stops.
+- A plain campaign of a million stops of the published vehicle agrees up to 330 m, which 9 of its stops exceed: its
+  probability is 9e-6 [4.7e-6, 1.7e-5], that of subset simulation 1.4e-5 [1.2e-5, 1.7e-5].
+- Adhesion contributes nine tenths, mass one tenth, the brake and the random force almost nothing.
 
-    python analysis/rare_events.py [STOPS of the plain campaign, 2000 unless given] [POINTS of a level, 1000]
+    python analysis/rare_events.py [STOPS of the plain campaign, default 2000] [POINTS of a level, default 1000]
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from railslip_ctrl.simulation.campaign.statistics import Estimate, share
 
 ROOT = Path(__file__).parents[1]
 CUT = 7.0
-"""Standard deviations at which a distribution ends: 1e-12, far beyond what is asked."""
+"""Standard deviations at which a distribution is cut off; the probability beyond is 1e-12, far below 1e-9."""
 
 LONG = {"published": 368.0, "coach": 370.0}
 """Distance, m, that one or two stops of a billion exceed."""
 
 STEP = 5e-3
-"""Step of the integration, s: the distance differs from that at 1 ms by at most 3e-5 of it."""
+"""Step of the integration, s; the relative difference of the distance from that with 1 ms is at most 3e-5."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """A vehicle's rare event, the time it took, s, and (distance, plain share, rare probability) where both reach."""
+    """Rare event of a vehicle, computing time, s, and a comparison: (distance, m, plain share, rare probability)."""
 
     event: RareEvent
     seconds: float
@@ -51,7 +51,7 @@ class Found:
 
 
 def varied(vehicle: rs.Vehicle) -> Campaign:
-    """The vehicle's stops with the seeking controller."""
+    """Return the campaign of stops of a vehicle with the seeking controller."""
     scenario = rs.stop(vehicle, "wet").with_changes(step=STEP, longest_time=120.0)
 
     def about(path: str, std: float) -> Quantity:
@@ -67,7 +67,7 @@ def varied(vehicle: rs.Vehicle) -> Campaign:
 
 
 def run(stops: int = 2000, points: int = 1000, workers: int = 2) -> dict[str, Found]:
-    """Both vehicles."""
+    """Return the results of both vehicles, by name."""
     vehicles = {"published": rs.PARK2008, "coach": rs.load_vehicle(ROOT / "designs" / "vehicles" / "coach.toml")}
     found = {}
     for name, vehicle in vehicles.items():
@@ -79,7 +79,7 @@ def run(stops: int = 2000, points: int = 1000, workers: int = 2) -> dict[str, Fo
 
 
 def compared(campaign: Campaign, event: RareEvent, stops: int, workers: int) -> list[tuple[float, Estimate, Estimate]]:
-    """Where ten or more of the plain stops are beyond a level: both probabilities of it."""
+    """Return each level that ten or more of the plain stops exceed, with its probability by both methods."""
     with tempfile.TemporaryDirectory() as folder:
         execute(replace(campaign, runs=stops), Path(folder) / "runs", workers=workers)
         distances = pd.read_parquet(Path(folder) / "runs" / "parts")["braking_distance_m"].fillna(np.inf).to_numpy()
@@ -93,7 +93,7 @@ def compared(campaign: Campaign, event: RareEvent, stops: int, workers: int) -> 
 
 
 def main() -> None:
-    """Print both."""
+    """Print the results of both vehicles."""
     arguments = [int(argument) for argument in sys.argv[1:]]
     for name, found in run(*arguments).items():
         event = found.event
@@ -108,7 +108,7 @@ def main() -> None:
         print("  contributions: " + ", ".join(f"{name} {100 * value:.0f} %" for name, value in shares))
         for distance, plain, rare in found.plain:
             texts = ("{:.3g} [{:.2g}, {:.2g}]".format(*one) for one in (plain, rare))
-            print(f"  over {distance:.1f} m: plain {' rare '.join(texts)}")
+            print(f"  over {distance:.1f} m: plain campaign {', subset simulation '.join(texts)}")
         for warning in event.warnings:
             print(f"  warning: {warning}")
 

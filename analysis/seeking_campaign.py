@@ -58,8 +58,8 @@ LUGRE = {"alpha": 2.2e4, "alpha1": 310.0, "alpha2": 21.0, "Fs": 1.13e4, "Fc": 6.
 class Stop:
     """Result of a stop.
 
-    It has the case of the stop, the excess `over` the bound in distance, %, the highest slip, the highest speed with a
-    locked wheel, km/h (0: none), and the `filled` torque, the sum of all increases of the torque, N*m.
+    The fields are the case of the stop, the excess `over` the bound in distance, %, the highest slip, the highest speed
+    with a locked wheel, km/h (0: none), and the `filled` torque, the sum of all increases of the torque, N*m.
     """
 
     controller: str
@@ -137,8 +137,8 @@ class Tolerated:
     """Tolerances of the loop of a controller on curve, bristle and beam, empty and loaded, from `SLOWEST` up.
 
     - gain: smallest and largest brake gain, relative to the assumed one, with all loops stable.
-    - dead_time, lag: largest relative errors in both directions, at most 1, with all loops stable; each alone.
-    - from_kmh: lowest speed above which the loop is robust with all tolerances of an envelope; None if there is none.
+    - dead_time, lag: largest relative error of each alone, in both directions, at most 1, with all loops stable.
+    - from_kmh: lowest speed above which the loop is robust with all tolerances of an envelope; None if it is nowhere.
     """
 
     gain: tuple[float, float]

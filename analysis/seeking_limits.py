@@ -11,7 +11,7 @@ steep curve, and low speed. Results, which the tests check:
   stops 15 % over the bound.
 - A stop needs no more filling than its holding torque, 5 kN*m on dry rail and 8 kN*m on polach. The start and the
   return from beyond the peak add 1 to 6 kN*m. Noise in the inner loop adds 2 to 8 kN*m, or up to 6 kN*m with a loop
-  half as fast (on curve, bristle and beam). A filling of 12 kN*m would be possible.
+  half as fast (on curve, bristle and beam). A filled torque of 12 kN*m would be possible.
 - Because of the dead time, no controller has Ms <= 2 above 1.2 times the slip of polach's peak. Staying below this slip
   costs no distance.
 - Random forces do not prevent a stop to 2 km/h without locks on static curves. On bristle they sometimes lock a wheel
@@ -130,7 +130,7 @@ def least_speed(law: AdhesionLaw, vehicle: Vehicle, slip: float) -> float:
 
 
 def speed_there(law: AdhesionLaw, vehicle: Vehicle, place: float) -> float:
-    """Return the speed of the clairvoyant stop on dry rail at a distance `place`, m, in m/s.
+    """Return the speed, m/s, of the clairvoyant stop on dry rail at a distance `place`, m.
 
     The root is searched in the square of the speed, which is nearly linear in distance.
     """

@@ -25,15 +25,15 @@ START = SLIP * SPEED  # m/s: sliding variable s of a rolling wheel when the brak
 
 @dataclass(frozen=True)
 class Reading:
-    """Numbers of the law in one reading of the units.
+    """Numbers of the law in one interpretation ("reading") of the printed units.
 
     - feed_forward: torque that holds the reference slip, N m
     - proportional_gain: gain (J/r) rho + D on e, N m/(m/s); `from_surface` is its part (J/r) rho
     - integral_gain: D rho, N m/m
     - pi_gain: Kp of the PI in Table 4, N m/(m/s)
     - K: gain of the switching term, N m
-    - least_K, least_K_run: smallest K that meets (40), N m, for disturbances of 1 and 3 standard deviations: at the
-      reference slip and 100 km/h, and over the whole run
+    - least_K, least_K_run: smallest K that meets (40) at the reference slip and 100 km/h, and over the whole run, N m,
+      each for disturbances of 1 and 3 standard deviations
     - reaching_time: time from a rolling wheel to s = 0 without disturbances, s
     """
 
@@ -88,15 +88,15 @@ def main() -> None:
         print(f"Inertia scale {reading.inertia_scale:g}")
         print(f"  feed-forward at 100 km/h, dry      {reading.feed_forward:9.1f} N m")
         print(
-            f"  gain on e: (J/r) rho + D           {reading.proportional_gain:9.1f} N m/(m/s), of it (J/r) rho "
-            f"{reading.from_surface:.1f}; the PI of Table 4 has {reading.pi_gain:.0f}"
+            f"  gain on e: (J/r) rho + D           {reading.proportional_gain:9.1f} N m/(m/s), with (J/r) rho = "
+            f"{reading.from_surface:.1f}; Kp of the PI in Table 4: {reading.pi_gain:.0f}"
         )
         print(f"  gain on the integral of e: D rho   {reading.integral_gain:9.1f} N m/m")
         print(f"  K                                  {reading.K:9.1f} N m")
         for name, least in (("at e = 0", reading.least_K), ("whole run", reading.least_K_run)):
             print(f"  least K, {name:9}, 1 and 3 sigma  {least[0]:9.1f} and {least[1]:.1f} N m")
         print(f"  time from a rolling wheel to s = 0 {reading.reaching_time:9.1f} s, undisturbed")
-    print("The law acts as a feed-forward of adhesion with a proportional gain; K is far too small to make it slide.")
+    print("The law acts as a feed-forward of adhesion with a proportional gain; K is far too small for sliding.")
     if len(sys.argv) > 1:
         draw(readings, Path(sys.argv[1]))
 

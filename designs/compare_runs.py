@@ -2,8 +2,8 @@
 
 Compared are the published PI and sliding-mode law ([Park2008] Table 4), this project's PI-lead, its gain schedule, and
 a rule-based slide protection. They run the paper's scenario with the same seeds, as published (inertia scale 3.6) and
-in SI. The bound assumes the highest adhesion at every moment that the same actuator allows. The sliding-mode law also
-runs on wet rail with the adhesion curve of dry rail, as a controller that does not know the rail.
+in SI. The bound assumes the highest adhesion at every moment, within the limits of the actuator. A further variant of
+the sliding-mode law does not know the rail: it keeps the adhesion curve of dry rail on wet rail.
 
     python designs/compare_runs.py [FOLDER for the picture]
 """
@@ -100,7 +100,7 @@ def margins_text(rows: tuple[WorstMargins, ...]) -> str:
         if row.unstable_points == 0:
             lines[-1] += f" {row.ms:7.4g} {row.gain_increase:7.4g} {row.phase_deg:10.4g} {row.delay_s:8.4g}"
     note = (
-        "The ASMC and the slide protection switch and have no such margins. Gains that are unstable at the reference "
+        "The ASMC and the slide protection are nonlinear and have no margins. Gains that are unstable at the reference "
         "slip may still stop the train, if the stop ends before the slip reaches the reference."
     )
     return "\n".join([*lines, *textwrap.wrap(note, 110), ""])

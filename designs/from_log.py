@@ -30,15 +30,15 @@ TRUE_LAW = adhesion.law_class("burckhardt").model_validate(
 )  # used by the rig, unknown to the design
 INITIAL_SPEED = 100.0 * KMH
 RANDOM_SHARE = 431.0 / 34_500.0  # random adhesion force of [Park2008], as a share of the wheel load
-TESTS = 12
+TESTS = 12  # number of tests in the log
 SPEEDS_KMH = (10.0, 30.0, 100.0)
 HELD_SHARE = 0.98  # adhesion at the reference slip over peak adhesion: at the peak a small disturbance starts a slide
-MS_MAX = 2.0  # the upper end of what [Astrom1998] calls reasonable
-INITIAL_SHARE = 0.9  # share of the torque that the weakest law within the uncertainty allows at the reference slip
-FALLING = 1.5  # slip beyond the peak over reference slip; the slip comes near it when the brake first fills
-LEAD_FILTER = 0.1  # time constant of the filter over that of the lead, which is the actuator's lag
-PERIOD = 0.02  # s, of the controller
-RAIN = 5.0  # s after the brake is applied
+MS_MAX = 2.0  # upper end of the range that [Astrom1998] calls reasonable
+INITIAL_SHARE = 0.9  # initial torque over the torque that the weakest law within the uncertainty allows
+FALLING = 1.5  # slip beyond the peak at which the loop is checked over reference slip; nearly reached at the start
+LEAD_FILTER = 0.1  # time constant of the lead's filter over that of the lead; the latter is the actuator's lag
+PERIOD = 0.02  # s, sampling period of the controller
+RAIN = 5.0  # s, time from the start of braking until the rail turns wet
 SEEDS = (0, 1, 2)
 
 
@@ -210,7 +210,7 @@ def main() -> None:
     print(f"Reference slip: {held.dry:.4g} dry, {held.wet:.4g} wet.")
     poles = [float(plant.poles[0].real) for plant in result.plants]
     print(f"{len(poles)} plants within the uncertainty, slip poles from {min(poles):.3g} to {max(poles):.3g} 1/s.")
-    print(f"PI-lead: kp {result.design.kp:.4g} N*m/(m/s), ki {result.design.ki:.4g} N*m/m, Ms <= {MS_MAX:g} on all.")
+    print(f"PI-lead: kp {result.design.kp:.4g} N*m/(m/s), ki {result.design.ki:.4g} N*m/m, Ms <= {MS_MAX:g} at all.")
     print(f"On the true law the worst Ms is {max(m.ms for m in result.true_margins):.4g}.")
     print(
         f"Beyond the peak, at slip {FALLING * held.dry:.2g}, the loop is stable down to {result.slowest_falling:.0f} "

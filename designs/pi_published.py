@@ -1,8 +1,8 @@
 """Do the published PI gains stabilise the loop?
 
-[Park2008] Table 4 prints its gains in "N-h" and "N"; only the reading as N*m per km/h works. This script converts them
-to SI and checks the loop at 100 km/h on dry and wet rail, with the actuator of p. 55 and its dead time exact, in
-SI and in the as-published reading (M, J and B times 3.6), which reproduces the paper's results.
+[Park2008] Table 4 prints the gains in "N-h" and "N", which are read as N*m per km/h and N*m per km/h per s. This script
+converts them to SI and checks the loop at 100 km/h on dry and wet rail, with the exact dead time of the actuator of
+p. 55, in SI and in the as-published reading (M, J and B times 3.6), which reproduces the paper's results.
 
     python designs/pi_published.py [FOLDER for the pictures]
 """

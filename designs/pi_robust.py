@@ -59,7 +59,7 @@ def main() -> None:
     low, high = result.region.kp_range
     print(f"PI stabilises all twelve points for kp in ({low:.4g}, {high:.4g}) N*m/(m/s).")
     print(f"Smallest worst Ms with ki >= {KI_MIN:g}: {result.design.worst.ms:.4g} at kp = {result.design.kp:.4g};")
-    print(f"as ki vanishes {result.least_without_integral:.4g}: a PI alone is fragile at its best.")
+    print(f"with ki near 0: {result.least_without_integral:.4g}. Even the best PI is fragile.")
     for name, judged in (("bristle model", result.bristle), ("bristle model and curve", result.all_laws)):
         print(f"Over the envelope, {name}: {100 * judged.stable.mean():.1f} % of the loops stable")
         print(judged)

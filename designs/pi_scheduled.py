@@ -1,7 +1,7 @@
 """Does one gain set suffice, or must the gains follow speed and rail?
 
 A PI-lead is tuned at each speed and rail for the largest ki with Ms <= 1.8. This schedule is compared with the single
-gain set that has the smallest worst Ms over the same range. The script also finds the lowest speed at which any gains
+gain set that has the smallest worst Ms over the same range. The script also finds the lowest speed at which some gains
 stabilise the loop.
 
     python designs/pi_scheduled.py [FOLDER for the schedule and the picture]

@@ -23,14 +23,14 @@ from railslip_ctrl import no_lock, plots, predictive
 
 VEHICLE, LAW, RAILS = rs.PARK2008, "curve", ("dry", "wet")
 KMH = 1 / 3.6  # m/s
-SPEEDS_KMH = np.array([100.0, 80.0, 60.0, 40.0, 25.0])  # of the no-lock region
+SPEEDS_KMH = np.array([100.0, 80.0, 60.0, 40.0, 25.0])  # speeds of the no-lock region
 SLIPS = np.linspace(0.0, 0.36, 13)
 SEED = 0
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A stop from 100 to 5 km/h without and with noise, the no-lock region, and the samples of the noisy run in it."""
+    """A stop from 100 to 5 km/h without and with noise, the no-lock region, and the noisy samples in this region."""
 
     rail: str
     runs: tuple[rs.Run, rs.Run]
@@ -87,7 +87,7 @@ def main() -> None:
     for one in design.proof.tolerances:
         value = f"{100 * one.value:.3g} %" if one.unit == "%" else f"{one.value:.3g} {one.unit}"
         print(f"{one.name.replace('_', ' '):16s} {value:36s} {one.limited_by or 'not limited in the range tried'}")
-    print("\nrail   without noise   with it   highest slip   released, certain not to lock   not certain at")
+    print("\nrail   without noise   noise     highest slip   released, certain not to lock   not certain at")
     for stop in design.stops:
         (quiet, seen), (slow, fast) = stop.runs, stop.released.outside_kmh
         stopped = f"{stop.rail:4} {quiet.braking_distance:13.1f} m {seen.braking_distance:7.1f} m {seen.max_slip:14.2f}"

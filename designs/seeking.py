@@ -1,8 +1,8 @@
 """Which margins and stops does a slip controller reach that knows neither rail nor mass nor adhesion curve?
 
 The published vehicle, in SI. Rules give the gains from wheel and brake. The loop is judged with every tolerance at the
-slip that the controller finds, and its stops are compared with the bound. The theory page "A controller that seeks
-the peak" explains its parts and their equations.
+slip that the controller finds, and the stops are compared with the bound. The theory page "A controller that seeks
+the peak" explains the parts of the controller and their equations.
 
     python designs/seeking.py [FOLDER for the picture]
 """

@@ -290,7 +290,7 @@ def test_a_bad_sample_leaves_no_trace_in_slide_protection_without_its_guard():
 def test_without_an_adhesion_law_or_with_a_step_alone_there_is_no_program():
     with pytest.raises(InputError, match="controller asmc: it has no adhesion law to assume; give"):
         c_program(controller_named("asmc", PARK2008), PARK2008)
-    with pytest.raises(InputError, match="Python step"):
+    with pytest.raises(InputError, match="Python object or function with a step"):
         save_c(lambda t, v, omega: 0.0, "x.c")
 
 
@@ -299,7 +299,7 @@ def test_a_state_that_depends_on_the_speed_has_no_program():
         def start(self, speed, period):
             return self.State(torque=0.5 * speed)
 
-    with pytest.raises(InputError, match=r"state: .*torque depends on the train speed"):
+    with pytest.raises(InputError, match=r"state: .*torque .*the train speed"):
         c_program(Halved(reference=ReferenceSlip(dry=0.1, wet=0.06)), PARK2008)
 
 
@@ -603,7 +603,7 @@ def test_a_class_that_is_no_kind_is_told_what_it_lacks(old, new, words, tmp_path
 
 @pytest.mark.parametrize(("text", "words"), [
     (KIND, "structure: own cannot be tuned: it is not linear"),
-    (KIND + "CONTROLLER = Own()\n", "structure: CONTROLLER in own.py is not the class of a kind"),
+    (KIND + "CONTROLLER = Own()\n", r"structure: CONTROLLER in own\.py is not a class"),
 ])  # fmt: skip
 def test_what_cannot_be_tuned_is_refused_by_its_structure(text, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

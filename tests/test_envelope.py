@@ -162,10 +162,10 @@ def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused_and_what
     (kink,) = published_law("beam", Rail.DRY).kinks(10.0, PARK2008.wheel_load)
     on_it = Envelope(laws="beam", rails="dry", speeds=36, reference={"dry": kink.slip, "wet": 0.1})
     for make, match in (
-        (lambda: Envelope("coach.toml"), r"^Envelope: vehicle: 'coach\.toml' is not a Vehicle; give load_vehicle"),
-        (lambda: load_envelope(path), "has no vehicle; give one too"),
+        (lambda: Envelope("coach.toml"), r"^Envelope: vehicle: 'coach\.toml' is not a Vehicle"),
+        (lambda: load_envelope(path), "has no vehicle"),
         (polach.points, "adhesion 'polach' has no reference slip"),
-        (lambda: on_it.points(nominal=True), "no case is left; beam, dry, empty"),
+        (lambda: on_it.points(nominal=True), "no case is left; .*beam, dry, empty"),
     ):
         with pytest.raises(InputError, match=match):
             make()
@@ -239,15 +239,15 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     on_bristle = Envelope(laws="bristle", speeds=(20, 60, 100))
     judged = judge(on_bristle, PI_LEAD)
     assert judged.verdict_line == (
-        "robust: Ms 1.43 (Ms 1.45 sampled every 0.01 s) at bristle, dry, empty, 100 km/h; with tolerances Ms 2.02 (Ms "
-        "2.05 sampled every 0.01 s) at bristle, dry, empty, 100 km/h, slip +25 %, dead time +30 %, lag +30 %"
+        "robust: Ms 1.43 (Ms 1.45 if sampled every 0.01 s) at bristle, dry, empty, 100 km/h; with tolerances Ms 2.02 "
+        "(Ms 2.05 if sampled every 0.01 s) at bristle, dry, empty, 100 km/h, slip +25 %, dead time +30 %, lag +30 %"
     )
     assert judged.usable_from_kmh == judged.robust_from_kmh == 20.0
     # on the curve every operating point is well damped, but past its peak a slow brake loses the wheel at low speed
     both = on_bristle.at(laws=("bristle", "curve"))
     judged, nominal = judge(both, PI_LEAD), judge(both, PI_LEAD, nominal=True)
     assert (judged.verdict, nominal.verdict) == ("fragile", "robust")
-    assert nominal.verdict_line.startswith("robust at the operating points: Ms 1.57 (Ms 1.59 sampled")
+    assert nominal.verdict_line.startswith("robust at the operating points: Ms 1.57 (Ms 1.59 if sampled")
     assert judged.worst.ms <= nominal.worst.ms
     assert judged.usable_from_kmh == judged.robust_from_kmh == 60.0
     assert judged.worst.point.speed_kmh >= 60.0
@@ -352,7 +352,7 @@ def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge
     assert again.worst.point.slip == best.design.controller.reference.dry
     assert [c.rank for c in selection.choices] == sorted(c.rank for c in selection.choices)
     assert len(selection.choices) == 6
-    assert str(selection).startswith("PI, 0.75 of the reference slip: robust: Ms")
+    assert str(selection).startswith("PI, 75 % of the reference slip: robust: Ms")
 
 
 @pytest.mark.parametrize("envelope", [ONE_LAW, pytest.param(Envelope(speeds=40.0), marks=pytest.mark.long)])
@@ -407,7 +407,7 @@ def test_the_time_to_the_reference_is_that_of_the_integral(selection):
     assert found.reach_s == pytest.approx(max(time for time, _ in times), abs=2e-3)
     assert found.stop_s in [pytest.approx(stop, rel=1e-12) for _, stop in times]
     assert found.reaches == (found.reach_s <= REACH_SHARE * found.stop_s)
-    assert ("its reference takes" in found.description) != found.reaches
+    assert ("reaches its reference in" in found.description) != found.reaches
 
 
 def test_where_nothing_holds_there_is_no_best_and_without_lag_no_lead():

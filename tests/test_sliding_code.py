@@ -162,12 +162,12 @@ AGREE = {
 }
 SIZES = {
     "(6)": ("0.019 times", "274360 N", "8e+10 Pa"),
-    "(10)": ("printed -120 N, derived 271 N", "0.0985", "0.500 of the force"),
+    "(10)": ("printed -120 N, derived 271 N", "0.0985", "0.500 times the force"),
     "(22)-(24)": ("11297 N", "negative"),
     "(27)": (": 1; ", ": 0"),
     "(38)-(39) with (41)": ("same sign", "140.3"),
     "F_r in (4) and (35)": ("0.123 m/s^2", "486 N", "0.138 m/s^2"),
-    "(44), theta_1": ("3517 -> 5276 kg", "+1.322e-03", "-2.205e-04", "other sign, 6.00 times"),
+    "(44), theta_1": ("3517 -> 5276 kg", "+1.322e-03", "-2.205e-04", "opposite sign, 6.00 times"),
     "(47)-(48)": ("same sign", "140.3 times too large"),
     "(49)": ("k1 in s**2/(kg**2*m**4), k2 in 1",),
     "p. 54, invariant set theorem": ("one equation for two errors", "0.0893 m^2/s^2", "25 s"),

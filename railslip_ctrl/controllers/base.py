@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["LEAST_PERIOD", "PERIOD", "Controller", "DesignNumber", "Measurement", "Situation", "outside"]
 
 PERIOD = 0.01
-"""Default sampling period, s; common brake control units use it."""
+"""Default sampling period, s; common in brake control units."""
 
 LEAST_PERIOD = 1e-5
 """Shortest allowed sampling period, s; a shorter one needs more memory without being more accurate."""
@@ -128,7 +128,7 @@ class Controller(Record):
     """Whether the controller searches for its reference slip during the run; see `held_slip`."""
 
     class State(Record):
-        """State of a controller without memory."""
+        """State of a controller; without fields for a controller without memory."""
 
     name: str = Field("", description="name in reports; the kind's name if left out")
     period: float | None = quantity(
@@ -268,7 +268,7 @@ class Controller(Record):
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy with the parameters of a `vehicle` in place of those that are None or equal those of `before`."""
+        """Copy that assumes the parameters of a `vehicle` where its own are None or equal those of vehicle `before`."""
         changed = {}
         for name in _ASSUMED.keys() & type(self).model_fields.keys():
             now, was = _ASSUMED[name](vehicle), None if before is None else _ASSUMED[name](before)
@@ -277,7 +277,7 @@ class Controller(Record):
         return self.model_copy(update=changed) if changed else self
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """Linear system from slip error (m/s) to torque (N*m) at an operating point, or None."""
+        """Linear system from slip error (m/s) to torque (N*m) at an operating point; None if there is none."""
         return None
 
     def loop(self, point: OperatingPoint, actuator: Actuator) -> Any:
@@ -315,7 +315,7 @@ class Controller(Record):
     # --- functions and numbers outside the step ---
 
     def assuming(self, law: AdhesionLaw) -> Self:
-        """Copy that assumes an adhesion law, if it needs one and has none."""
+        """Copy that assumes the adhesion `law`, if the controller needs a law and has none of its own."""
         return self
 
     @classmethod
@@ -445,7 +445,7 @@ class Controller(Record):
     def save(self, path: str | Path) -> None:
         """Write the controller to a TOML file at a `path`; every command and `load_controller` read it.
 
-        InputError if it cannot be written.
+        InputError if the file cannot be written.
         """
         path = given_path(path)
         try:

@@ -227,8 +227,8 @@ def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable
             value = "train_speed"
         elif repr(value) != repr(other):  # the text of NaN equals that of NaN
             raise InputError(
-                f"state: the initial value of {name} depends on the train speed but differs from it; compute it in "
-                "the first sample"
+                f"state: the initial value of {name} is neither a constant nor the train speed; compute it in the "
+                "first sample"
             )
         members.append(Member(name, *_described(owners, name), length, value))
     return members
@@ -316,12 +316,12 @@ def _head(control: Controller, vehicle: Vehicle, period: float) -> tuple[str, ..
     """Return the first lines of the comment at the top of the header."""
     digest = hashlib.sha256(control.toml.encode()).hexdigest()
     hand_over = control.controlled_from
-    below = f"Below {hand_over / KMH:.4g} km/h it does not control slip, but holds {control.handed_over()}."
+    below = f"Below {hand_over / KMH:.4g} km/h the controller does not control slip, but holds {control.handed_over()}."
     return (
         f"Slip controller {control.label!r}: {control.title} ({control.source}).",
         f"Written by railslip_ctrl {__version__}: do not edit. SHA-256 of its controller file: {digest}.",
         "",
         f"Vehicle: {vehicle.name}. All units are SI: m, s, kg, N, rad. Call the init function once when the brake "
         f"is applied, then the step function every {period:g} s.",
-        below if hand_over > 0 else "It controls slip at every speed.",
+        below if hand_over > 0 else "The controller controls slip at every speed.",
     )

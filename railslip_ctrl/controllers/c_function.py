@@ -16,7 +16,7 @@ from railslip_ctrl.core.records import dataclass
 
 from .translate import MATH, STATE, Function, ends, returned_values
 
-WIDTH = 100
+WIDTH = 100  #: largest number of characters of a line of C
 _OPERATORS: dict[type[ast.AST], str] = {
     **{ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Mod: "%"},
     **{ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="},
@@ -132,7 +132,7 @@ class CFunction:
             yield from ast.walk(statement)
 
     def _whole_names(self) -> set[str]:
-        """Return the names that only ever have integers or booleans as values."""
+        """Return the names whose values are always integers or booleans."""
         values: dict[str, list[ast.expr | None]] = {}
         for node in self._walk():
             if isinstance(node, ast.Assign):

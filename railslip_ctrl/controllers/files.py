@@ -6,7 +6,7 @@ kind = "pi"                       # name of the kind; the other keys are its par
 kp = "336 N*m/(km/h)"
 ki = 1220.0
 torque_max = "9 kN*m"
-hand_over_speed = "20 km/h"       # below it hand_over_torque is commanded; without this key: slip control at any speed
+hand_over_speed = "20 km/h"       # speed below which hand_over_torque is commanded; without this key: none
 hand_over_torque = 1862.0
 
 [reference]                       # reference slip ratio; without this table: 0.132 dry, 0.092 wet
@@ -91,10 +91,10 @@ def structure_named(name: str | type[Controller]) -> type[Controller]:
     if isinstance(name, str) and name.lower().endswith(".py"):
         path, name = Path(name), _from_python(Path(name))
         if not is_kind(name):
-            raise InputError(f"structure: CONTROLLER in {file_name(path)} is not the class of a kind; assign one")
+            raise InputError(f"structure: CONTROLLER in {file_name(path)} is not a class; assign a Controller class")
     if is_kind(name):
         if name.loop is Controller.loop and name.linear is Controller.linear:
-            raise InputError(f"structure: {name.kind} cannot be tuned: {name.no_loop}; simulate and campaign run it")
+            raise InputError(f"structure: {name.kind} cannot be tuned: {name.no_loop}; use simulate or campaign")
         return name
     if name not in structures():
         raise InputError(f"structure: {shown(name)} is not known; choose one of {', '.join(structures())}")
@@ -208,7 +208,7 @@ def as_control(
 
 
 def _no_reference() -> InputError:
-    return InputError("controller: neither it nor the adhesion law has a reference slip; give the controller one")
+    return InputError("controller: the controller and the adhesion law have no reference slip; give the controller one")
 
 
 def own_name(controller: Any) -> str | None:

@@ -24,7 +24,7 @@ class Status(IntEnum):
     """Action of the guard at a sample.
 
     - OK: the sample is good; the command is the controller's, within the limits
-    - HOLDING: the sample is bad; the command is the last one
+    - HOLDING: the sample is bad; the command is the last command
     - RELEASING: samples have been bad for longer than the hold time; the command falls to 0
     - FAULT: samples are still bad; the command is 0
     - LOCKED: the wheel is locked while the train moves; the command is 0
@@ -78,7 +78,7 @@ class Guard(Record):
 
     @classmethod
     def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
-        """Return the guard of a controller; limits that the controller lacks are 0 and the vehicle's full brake."""
+        """Return the guard of a controller; missing limits become 0 and the vehicle's full brake."""
         least, most = control.least_torque, control.largest_torque
         radius = getattr(control, "radius", None)
         return cls(
@@ -114,7 +114,7 @@ def is_good(g: Any, m: Any, q: Any) -> Any:
 
 
 def valid_applied_torque(g: Any, m: Any, q: Any) -> Any:
-    """Return the applied torque, N*m, within the limits; the last command if it is not finite."""
+    """Return the applied torque, N*m, within the limits; if it is not finite, the last command."""
     torque = m.applied_torque if math.isfinite(m.applied_torque) else g.last_command
     return min(max(torque, q.torque_min), q.torque_max)
 

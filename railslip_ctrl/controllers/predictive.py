@@ -38,11 +38,11 @@ _SPARE = 3  # samples of the torque history in addition to the dead time
 FADED = 0.7
 """Share of the reference slip that remains at the hand-over."""
 
-_LOST = 16.0  # m/s, slip velocity gained in a dead time without adhesion (mu = 1 lost); published vehicle: 15.9
-_QUICKEST = 0.44  # smallest x: below it, a brake 30 % faster than believed makes the loop unstable
-_HAND_OVER = 4.2  # this slip velocity over the hand-over speed, which is then 14 km/h for the published vehicle
+_LOST = 16.0  # m/s, slip velocity gained in one dead time if mu falls by 1; 15.9 for the published vehicle
+_QUICKEST = 0.44  # smallest x of `for_vehicle`: below it, a brake 30 % faster than assumed makes the loop unstable
+_HAND_OVER = 4.2  # slip velocity gained in one dead time over hand-over speed; gives 14 km/h for the published vehicle
 _FADE = 27 / 13  # speed below which the reference fades, over the hand-over speed
-_LEAST_HAND_OVER_KMH = 5
+_LEAST_HAND_OVER_KMH = 5  # km/h, smallest hand-over speed
 MEAN_TIME = 0.5  # s, time constant of the mean of the holding torque
 ASSUMED = 0.1  # adhesion coefficient assumed for the hand-over while the rail is unknown
 _LOCKED = 0.9  # slip ratio above which a wheel counts as locked, below the hand-over speed
@@ -51,12 +51,12 @@ _RUN_AWAY, _RUN_AWAY_SHARE, _AFTERWARDS = 0.25, 0.5, 0.8
 
 
 class Predictive(Controller):
-    """Predictive sliding-mode law on a reference slip; its parameters are beliefs of wheel and brake, and gains, SI.
+    """Predictive sliding-mode law on a reference slip; the parameters are assumed values of wheel and brake, and gains.
 
     T+ is the acting torque ahead of the dead time, H the torque that holds the reference slip, e_hat the slip error
     predicted over the dead time. The surface is S = H + (J/r) kappa e_hat - T+. The command is u = T+ + T [-kappa (T+ -
-    H) + k S + K sat(S/phi)], from 0 to `torque_max`; `sliding.predictive` derives it. InputError for speeds or shares
-    that are not in order.
+    H) + k S + K sat(S/phi)], from 0 to `torque_max`; `sliding.predictive` derives the law. InputError for speeds or
+    shares that are not in order.
     """
 
     kind: ClassVar[str] = "predictive"
@@ -71,7 +71,7 @@ class Predictive(Controller):
         le=QUICK_TIME,
         default=PERIOD,
     )
-    radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
+    radius: float | None = quantity("m", "assumed wheel radius; the vehicle's if left out", gt=0, default=None)
     wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia J", gt=0, default=None)
     viscous_friction: float | None = quantity("N*m*s", "viscous friction B", ge=0, default=None)
     wheel_load: float | None = quantity("N", "wheel load", gt=0, default=None)
@@ -81,13 +81,13 @@ class Predictive(Controller):
 
     kappa: float = quantity("1/s", "rate at which the predicted slip error decays on the surface", gt=0)
     reaching_rate: float = quantity("1/s", "k, rate at which the surface is reached from far", ge=0)
-    switching_gain: float = quantity("N*m/s", "K, rate at which it is reached at least", gt=0)
+    switching_gain: float = quantity("N*m/s", "K, lowest rate at which the surface is reached", gt=0)
     layer: float = quantity("N*m", "phi, boundary layer of the surface", gt=0)
     observer_time: float = quantity("s", "time constant of the adhesion-torque observer", gt=0)
     deceleration_time: float = quantity("s", "time constant of the train's deceleration", gt=0)
 
     fade_speed: float = quantity("m/s", "speed below which the reference slip fades", gt=0, default=29 * KMH)
-    hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=14 * KMH)
+    hand_over_speed: float = quantity("m/s", "speed below which slip is not controlled", gt=0, default=14 * KMH)
     last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=2 * KMH)
     hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, le=1, default=0.84)
     last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, le=1, default=0.2)
@@ -110,7 +110,7 @@ class Predictive(Controller):
         slip_rate: float = quantity("m/s^2", "rate of the slip velocity", default=0.0)
         mean_holding: float = quantity("N*m", "mean of the holding torque", default=0.0)
         handed_over: float = quantity("1", "1: handed over, 0: not, -1: the slip has run away", default=0.0)
-        history: tuple[float, ...] = quantity("N*m", "torque ahead of the last samples, in a ring", default=())
+        history: tuple[float, ...] = quantity("N*m", "torque_ahead of the last samples, in a ring", default=())
 
     def start(self, speed: float, period: float) -> Record:
         return self.State(history=(0.0,) * self._ring(period))
@@ -182,18 +182,18 @@ class Predictive(Controller):
 
         kappa = 0.27 x/theta, k = 0.3/theta, K = 0.23 N r/(theta + T), phi = 0.75 x theta K, observer 0.34 x theta,
         deceleration 0.52 theta. The hand-over speed is N r^2 theta/(4.2 J), in whole km/h and at least 5; the reference
-        fades from 27/13 of this speed on. The factors were found from stops on many rails: half or twice a factor
-        changes the distances less than the random force does. kappa and phi give Ms <= 2 for light and heavy vehicles,
-        stable with their tolerances.
+        fades below 27/13 times this speed. The factors were found from stops on many rails: halving or doubling a
+        factor changes the distances less than the random force does. With these kappa and phi the loops of light and
+        heavy vehicles have Ms <= 2 and are stable with the tolerances.
 
         N r^2 theta/J is the slip velocity gained in a dead time without adhesion (mu = 1). x = 16 m/s J/(N r^2 theta),
-        from 0.44 to 1: with a heavy load on its wheel, slip runs away sooner past the peak, so the torque must follow
-        sooner. The noise of J omega' is then smaller relative to N r, and needs less filtering. The largest torque is
-        the one that an empty wheel bears until the dead time is over.
+        from 0.44 to 1: the larger the wheel load, the sooner slip runs away past the peak, and the sooner the torque
+        must follow. The noise of J omega' is then smaller relative to N r, and needs less filtering. The largest torque
+        is the full brake of the published vehicle, scaled by N r.
 
-        - vehicle: its wheel, wheel load and actuator are used, not its mass.
-        - period: sampling period, s; left out, 10 ms or a twelfth of the dead time if that is less. A period above
-          this twelfth is refused.
+        - vehicle: vehicle whose wheel, wheel load and actuator are used; its mass is not used.
+        - period: sampling period, s; by default 10 ms, or a twelfth of the dead time if that is shorter. A period above
+          a twelfth of the dead time is refused.
 
         InputError: a brake without dead time, or too long a period.
         """
@@ -238,7 +238,7 @@ class Predictive(Controller):
         + kappa theta) Q E]. This is the limit of a short sampling period; `loop_as_run` is the sampled loop.
 
         - point: operating point of wheel and rail.
-        - actuator: the brake, s; left out, the believed one.
+        - actuator: the brake, s; by default the assumed brake.
 
         Returns the dimensionless loop with the dead times of the model and of the brake.
         """
@@ -357,7 +357,7 @@ def observe(x: Any, p: Any, v: float, omega: float, reference: float) -> None:
 
 
 def predict(x: Any, p: Any, v: float, sigma: float, reference: float) -> None:
-    """Predict slip velocity and train speed at the time when the present command acts; adhesion torque constant."""
+    """Predict slip velocity and train speed for the time when the present command acts, at constant adhesion torque."""
     count = delay_of(x, p)
     under_way = 0.0
     for i in range(int(count)):
@@ -393,9 +393,9 @@ def sliding_torque(x: Any, p: Any, reference: float) -> Any:
 def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
     """Limit the torque below the hand-over speed to a share of the mean holding torque.
 
-    The share falls with the square of the decrease of speed since the hand-over. Once the slip is below its reference,
-    the share is commanded without feedback. Before that, a runaway slip halves the torque. A locked wheel is released
-    at any time. After a runaway slip or a release the torque is lower.
+    The share falls with the square of the decrease of speed since the hand-over. Once the slip is below the reference,
+    the share is commanded without feedback. Before that, a runaway slip halves the torque. If the wheel locks, the
+    torque is 0. After a runaway slip or a lock, the mean holding torque is reduced by 20 %.
     """
     if v >= p.hand_over_speed:
         x.mean_holding += p.period / MEAN_TIME * (x.holding_torque - x.mean_holding)

@@ -60,17 +60,17 @@ class SampledController:
 
     phi, now and before follow exactly from the rule, or are those of a discrete design. `acted` is the torque that the
     brake applied. While a limit acts, `back` moves the slow poles and leaves the poles of leads and filters unchanged.
-    To find them, poles and zeros are sorted by magnitude and paired; a pole slower than its zero moves to z = 1 - h/T,
-    where 1/T is the magnitude of the zero. If all poles move to the zeros, this is the conditioned controller of
-    [Hanus1987]: its states are those for an error that gives exactly the applied torque. For a PI it is
-    back-calculation with Tt = kp/ki. `linear_step` evaluates the equations.
+    To find the slow poles, poles and zeros are sorted by magnitude and paired; a pole slower than its zero moves to z =
+    1 - h/T, where 1/T is the magnitude of the zero. If all poles move to the zeros, the result is the conditioned
+    controller of [Hanus1987]: its states are those for an error that gives exactly the applied torque. For a PI the
+    result is back-calculation with Tt = kp/ki. `linear_step` evaluates the equations.
 
     - design: linear system, as for `systems.linear_controller`; the field is the record that this function returns.
     - period: h, s, > 0; for a discrete design the period of the design. With Tustin's rule no real pole may be faster
       than 2/h, because its response would alternate in sign.
     - torque_min, torque_max: limits of the command, N*m, torque_min < torque_max; for a brake 0 and the full brake.
     - rule: Tustin's rule or the backward difference.
-    - tracking_time: Tt of the slowest pole, mostly an integrator, s, >= h; inf: no anti-windup. The default is the time
+    - tracking_time: Tt of the slowest pole, often an integrator, s, >= h; inf: no anti-windup. The default is the time
       constant of the slowest zero (for a PI kp/ki). If there are fewer zeros than poles, the magnitude of the fastest
       pole replaces the missing zeros, or 1/h if all poles are 0.
 

@@ -128,11 +128,11 @@ class Sliding(Controller):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        assert self.adhesion is not None, "a C program needs one"
+        assert self.adhesion is not None, "a C program needs an adhesion law"
         given = f", {self.adhesion.file}" if self.adhesion.file else ""
         return (
             "",
-            f"It assumes the static force of the adhesion law {self.adhesion.name!r}{given}, on "
+            f"The controller assumes the static force of the adhesion law {self.adhesion.name!r}{given}, on "
             f"{self.adhesion.rail.value} rail.",
             "",
             *CAUTIONS,

@@ -227,7 +227,7 @@ def _linear_kind(controller: Controller, point: OperatingPoint | None) -> Linear
     system = controller.linear(point)
     if system is None:
         raise InputError(
-            f"controller: {controller.label} has no margins: {controller.no_loop}; simulate and campaign run it"
+            f"controller: {controller.label} has no margins: {controller.no_loop}; use simulate or campaign instead"
         )
     return system  # type: ignore[no-any-return]
 

@@ -40,7 +40,7 @@ class TorqueProfile(Controller):
         for earlier, later in pairwise(self.times):
             if not later > earlier:
                 raise InputError(
-                    f"torque profile: time {later:g} s after {earlier:g} s is not allowed; times must rise"
+                    f"torque profile: time {later:g} s after {earlier:g} s is not allowed; give rising times"
                 )
         return self
 

@@ -54,11 +54,11 @@ class Function:
     """A step, or a function that it calls, read from its source.
 
     - name: unique among the functions of the step.
-    - node: its definition, without decorators, annotations and docstring.
-    - doc: its docstring.
+    - node: definition of the function, without decorators, annotations and docstring.
+    - doc: docstring of the function.
     - roles: roles of the arguments that are the state, the measurement or the parameters.
-    - constants: constants of its module that it uses, by name.
-    - calls: functions that it calls, by the names that it uses for them.
+    - constants: constants of the module that the function uses, by name.
+    - calls: functions that the function calls, by the names in the calls.
     - is_outside: True if the function is marked as `outside`, so that each target language defines it.
     """
 
@@ -200,7 +200,7 @@ def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
         if not isinstance(node, _NODES) or (isinstance(node, ast.FunctionDef) and node is not read.node):
             yield node, f"{kind} cannot be translated; use assignments, if, while, for, return and numbers"
         if isinstance(node, ast.For | ast.While) and node.orelse:
-            yield node, f"{kind} with else cannot be translated; write it without"
+            yield node, f"{kind} with else cannot be translated; write it without else"
         if isinstance(node, ast.For):
             yield from _loop_faults(node, parts)
         if isinstance(node, ast.Constant):
@@ -234,9 +234,9 @@ def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
 def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tuple[ast.AST, str]]:
     """Yield returns that are not allowed, with the reason."""
     if len({_values(node) for node in returns}) > 1:
-        yield returns[-1], "the returns give different numbers of values; return as many values everywhere"
+        yield returns[-1], "the returns give different numbers of values; return the same number of values everywhere"
     if returned_values(read) and not ends(read.node.body):
-        yield read.node, f"{read.name} may end without a return; end it with one"
+        yield read.node, f"{read.name} may end without a return; end it with a return"
 
 
 def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterator[tuple[ast.AST, str]]:
@@ -245,7 +245,7 @@ def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterat
     if isinstance(node.ctx, ast.Store) and (not isinstance(field_, ast.Attribute) or read.role(field_.value) != STATE):
         yield node, f"{ast.unparse(node)} is written; a step may write only the state"
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.UnaryOp):
-        yield node, f"{ast.unparse(node)} has a negative index; write it with len(...)"
+        yield node, f"{ast.unparse(node)} has a negative index; write the index with len(...)"
 
 
 def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.AST, str]]:
@@ -285,7 +285,7 @@ def _names(
         if isinstance(value, FunctionType) and called:
             names = tuple(inspect.signature(value).parameters)
             if any(len(node.args) != len(names) for node in called):
-                raise InputError(f"{where}: {part.id} takes {len(names)} arguments; give as many, in order")
+                raise InputError(f"{where}: {part.id} takes {len(names)} arguments; give all of them, in order")
             given = [{name: read.role(arg) for name, arg in zip(names, node.args, strict=True)} for node in called]
             if any(roles != given[0] for roles in given):
                 raise InputError(
@@ -431,7 +431,7 @@ class _Printer(ast.NodeTransformer):
         return ast.Subscript(ast.Name(array, ast.Load()), index, node.ctx)
 
     def _array(self, node: ast.expr) -> tuple[int, str, str]:
-        """Return for an array field the result of `Layout.array_header`, its variables' suffix, and its array."""
+        """Return, for an array field, the result of `Layout.array_header`, its variables' suffix, and the array."""
         if not isinstance(node, ast.Attribute) or (role := self._function.role(node.value)) is None:
             raise InputError(
                 f"{self._function.name}: {ast.unparse(node)} is not an array; give an array of state or parameters"

@@ -138,7 +138,8 @@ class StepControl(Controller):
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
         raise InputError(
-            f"controller {self.label}: a Python step alone cannot be used here; give a controller of a kind"
+            f"controller {self.label}: a Python object or function with a step cannot be exported; write it as a "
+            "class derived from Controller"
         )
 
     def source_text(self) -> str:

@@ -64,12 +64,12 @@ class Assessment:
     - plant, controller, actuator: parts of the loop, SI.
     - loop: `DeadTimeLoop`; a `SampledLoop` for a discrete controller; a `DelayedLoop` for a controller with delays,
       such as the seeking controller.
-    - limits: bounds for any controller.
+    - limits: bounds that plant and actuator set for any controller.
     - closed_loop_poles: rightmost closed-loop poles, 1/s, 1-D; empty for a `DelayedLoop`.
     - margins: margins of the loop; None if it is unstable.
     - pade: margins with Pade approximations.
-    - verdict: verdict on the loop and on `as_run`.
-    - as_run, sampled: sampled loop of a continuous controller with a sampling period, and its margins.
+    - verdict: verdict on `loop` and `as_run` together.
+    - as_run, sampled: loop of a continuous controller sampled at its period, and the margins of this sampled loop.
     """
 
     label: str
@@ -90,7 +90,7 @@ class Assessment:
 
     @property
     def stable(self) -> bool:
-        """True if every closed-loop pole is left of the imaginary axis, and the sampled loop is stable too."""
+        """True if `loop` is stable, and also `as_run` if there is one."""
         return self.margins is not None and (self.as_run is None or self.sampled is not None)
 
     @property
@@ -116,7 +116,7 @@ class Assessment:
 
     @property
     def verdict_line(self) -> str:
-        """Verdict in a sentence with the deciding number, and a remark if only the mass was changed."""
+        """Verdict with Ms, or with the number of unstable poles, and a remark if only the mass was changed."""
         alone = self.point.vehicle.mass_alone
         return f"{self._decided}. {alone}" if alone else self._decided
 
@@ -128,7 +128,7 @@ class Assessment:
             numbers = f"Ms {ms_up(self.margins.ms)}"
             if self.as_run is not None:
                 ms = "unstable" if self.sampled is None else f"Ms {ms_up(self.sampled.ms)}"
-                numbers += f", {ms} sampled every {self.as_run.period:g} s"
+                numbers += f", {ms} if sampled every {self.as_run.period:g} s"
             return f"{self.verdict.value} ({numbers})"
         poles = f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
         if math.isinf(self.unstable_poles):
@@ -269,7 +269,7 @@ def published_groups(points: Sequence[OperatingPoint]) -> tuple[ControllerGroup,
 
 
 def controller_group(title: str, assessments: tuple[Assessment, ...]) -> ControllerGroup:
-    """Return assessed loops as a group, with frequency responses over their common band."""
+    """Return assessed loops as a group, with frequency responses over a band that contains the features of all."""
     bands = [a.loop.feature_band() for a in assessments]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
     return ControllerGroup(title, assessments, tuple(frequency_curve(a.loop, low, high) for a in assessments))

@@ -62,7 +62,7 @@ def published_controller(
     reference: ReferenceSlip | None = None,
     period: float | None = None,
 ) -> PI | Sliding:
-    """Return a controller of [Park2008] Table 4, SI, with the units of its gains that reproduce Table 5.
+    """Return a controller of [Park2008] Table 4, SI, with the gains in those units that reproduce Table 5.
 
     PI: the column's gains, without limits or anti-windup. ASMC: law (45) with D and K added as torque, rho per second,
     Ta from the plant's adhesion law at the measured slip, Mn the empty mass, without adaptation.
@@ -70,7 +70,7 @@ def published_controller(
     - kind: {"pi", "asmc"}
     - column: {"beam", "bristle"}; column of Table 4 with gains and reference slip (beam 0.119 dry, 0.059 wet; bristle
       0.132, 0.092).
-    - knows_rail: for the ASMC, whether its adhesion model follows a change of the rail; the reference always does.
+    - knows_rail: for the ASMC, whether its adhesion model follows a change of the rail; the reference slip always does.
     - adaptive: for the ASMC, whether to use the printed adaptation; its k = 2.1e-8 for km/h gives k1 = k, k2 = 3.6^2 k.
     - reference: reference slip; by default that of the column.
     - period: sampling period, s; by default every step of the scenario.
@@ -102,7 +102,7 @@ def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
 def published_reference(column: Column) -> ReferenceSlip:
     """Return the reference slip of a column, dry and wet."""
     reference = published_law(column, Rail.DRY).reference
-    assert reference is not None, "both published laws have one"
+    assert reference is not None, "both published laws have a reference slip"
     return reference
 
 
@@ -110,12 +110,12 @@ def published_reference(column: Column) -> ReferenceSlip:
 
 
 MS_MAX = 2.0  #: largest Ms the designs are tuned for: the upper end of the reasonable range of [Astrom1998]
-LEAD, LEAD_FILTER = 0.6, 0.06  #: s, for the published brake; see `lead_of`
+LEAD, LEAD_FILTER = 0.6, 0.06  #: s, lead and lead filter for the published brake; see `lead_of`
 
 INITIAL_SHARE = 0.12
 """Initial torque of `recommended_pi_lead`, relative to wheel load times radius.
 
-It is below the peak of even the wet rail of [Park2008], 0.153.
+It is below the adhesion peak of the wet rail of [Park2008], 0.153, so that both rails can transmit it.
 """
 
 SPEEDS_KMH = (20.0, 60.0, 100.0)
@@ -150,7 +150,7 @@ def recommended_pi_lead(
     reference: ReferenceSlip | None = None,
     period: float | None = None,
 ) -> PI:
-    """Return a PI-lead with anti-windup; in the paper's scenario it stops earlier than every controller of its Table 5.
+    """Return a PI-lead with anti-windup, which stops earlier than every controller of [Park2008] Table 5.
 
     For the vehicle as published (default): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`. Without
     the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017; the best of Table 5 needs
@@ -158,8 +158,8 @@ def recommended_pi_lead(
 
     - vehicle: quarter car, by default the published one. For another vehicle the lead cancels the lag of its brake, and
       the gains are tuned, which takes some seconds.
-    - gains: gains in place of the stored or tuned ones; the lead is that for the vehicle's brake.
-    - reference: reference slip; by default the bristle column's, 0.132 dry and 0.092 wet.
+    - gains: gains in place of the stored or tuned ones; the lead still follows from the vehicle's brake.
+    - reference: reference slip; by default that of the bristle column of Table 4, 0.132 dry and 0.092 wet.
     - period: sampling period, s; by default every step of the scenario.
 
     InfeasibleDesignError: `gains` is not given, and no gains have Ms <= `MS_MAX` for this vehicle.
@@ -187,7 +187,7 @@ def recommended_pi_lead(
 def recommended_schedule(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
 ) -> Scheduled:
-    """Return `recommended_pi_lead` with gains over speed and rail, tuned on the static curve.
+    """Return a PI-lead with gains over speed and rail, tuned with the static adhesion law `curve`.
 
     - vehicle, reference, period: as in `recommended_pi_lead`.
     """
@@ -371,7 +371,7 @@ def controller_named(
 
     - name: "pi" and "asmc" are those of [Park2008] Table 4 (see `published_controller`), the others this project's.
     - vehicle: quarter car to control.
-    - column: {"beam", "bristle"}; column of Table 4 for the gains of "pi" and "asmc", and the reference slip of all.
+    - column: {"beam", "bristle"}; column of Table 4 for the gains of "pi" and "asmc", and for every reference slip.
     - gains: gains for "pi" or "pi-lead" in place of their own.
     - reference: reference slip in place of the column's. For a kind without a reference it defines the slip error.
     - knows_rail, adaptive, period: as in `published_controller`.

@@ -1,10 +1,10 @@
 """Dead-time compensators with their exact loops: Smith predictors and the predictor-observer.
 
-All control the plant G(s) exp(-tau s) with e = r - y, u = C(s) e. G = N/D has no dead time (from commanded torque, N*m,
-to -e, m/s), and q = exp(-tau s). Plants and controllers are python-control systems or `Rational`. Each loop is a ratio
-of quasi-polynomials. The sum of numerator and denominator is the characteristic function of plant and controller as
-realised, with hidden modes. The margins are exact; they apply to changes of the true plant, not of the model in the
-controller.
+All compensators control the plant G(s) exp(-tau s) with e = r - y, u = C(s) e. G = N/D has no dead time (from commanded
+torque, N*m, to -e, m/s), and q = exp(-tau s). Plants and controllers are python-control systems or `Rational`. Each
+loop is a ratio of quasi-polynomials. The sum of numerator and denominator is the characteristic function of plant and
+controller as realised; it includes hidden modes. The margins are exact; they apply to changes of the true plant, not of
+the model in the controller.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import Margins, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 
-_LARGEST_CONDITION = 1e12  # largest condition number of a controllability matrix; its inverse then has four digits
+_LARGEST_CONDITION = 1e12  # largest condition number of a controllability matrix, whose inverse has four correct digits
 
 
 @dataclass(frozen=True)
 class Compensator:
     """Dead-time compensator C(s), N*m/(m/s), with its loop L = C G exp(-tau s).
 
-    Removable singularities (of a finite-time integral) are left in the controller as common zeros.
+    Removable singularities (of a finite-time integral) remain in C as common zeros of numerator and denominator.
     `hidden_unstable_poles` are closed-loop poles on or right of the axis, 1/s, that cancel in L and that no gain moves.
     """
 
@@ -50,8 +50,8 @@ class Compensator:
         poles = ", ".join(f"{p.real:.4g}" if p.imag == 0 else f"{p:.4g}" for p in self.hidden_unstable_poles)
         return (
             f"the {self.structure} cancels the plant's {word} at {poles} 1/s, which {stay} in the closed loop as "
-            f"{'a hidden mode' if one else 'hidden modes'}: any disturbance at the plant's input grows with "
-            f"{'it' if one else 'them'}; use a filtered predictor or an observer"
+            f"{'a hidden mode' if one else 'hidden modes'}: after any disturbance at the plant's input the output "
+            "grows without bound; use a filtered predictor or an observer"
         )
 
     def margins(self) -> Margins:
@@ -200,11 +200,11 @@ def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tup
 def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
     values = np.asarray(poles, dtype=complex)
     if values.size != count:
-        raise InputError(f"{name}: {values.size} given; give {count}")
+        raise InputError(f"{name}: {values.size} given; give {count} poles")
     if not (np.isfinite(values).all() and np.all(values.real < 0)):
         raise InputError(f"{name}: {list(poles)} are not all left of the imaginary axis; give negative real parts")
     if np.abs(np.poly(values).imag).max() > 1e-9 * np.abs(np.poly(values)).max():
-        raise InputError(f"{name}: {list(poles)} are not in conjugate pairs; give both of each pair")
+        raise InputError(f"{name}: {list(poles)} are not in conjugate pairs; give both poles of each pair")
 
 
 def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:

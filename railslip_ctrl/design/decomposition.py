@@ -6,11 +6,12 @@ and B = derivative_gain d; a PI has A = 1, B = 0. With R(s) = exp(tau s)/P(s) + 
     R(j omega) + kp A(j omega) + ki/(j omega) = 0,
 
 two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). Together with the line
-ki = 0 (a pole at the origin) this curve divides the plane into cells of constant root count ([Gryazina2008]).
+ki = 0 (a pole at the origin) this curve divides the plane into cells, in each of which the number of unstable poles is
+constant ([Gryazina2008]).
 
-R/A is real where ki = 0. At a turning point of kp(omega), d/d omega of R/Re A is real, apart from a real function.
-`real_frequencies` finds both kinds of points without a grid. Between turning points kp(omega) is monotone and has each
-value at most once.
+R/A is real where ki = 0. At a turning point of kp(omega), the derivative of R/Re A with respect to s is real, with Re A
+as a rational function of s. `real_frequencies` finds both kinds of points without a grid. Between turning points
+kp(omega) is monotone and has each value at most once.
 
 With dead time the curve has infinitely many branches. The last relevant branch is bounded as follows. The argument of
 the characteristic function (`loop.stability`) has these parts: the angles of the n poles and m zeros of the plant and
@@ -19,8 +20,8 @@ gain crossovers, of which there are at most n + 2; and -tau omega wherever |L| >
 
     tau * measure of {omega > 0: |L(j omega)| > 1} >= pi (2 n + m + 7)
 
-implies unstable poles. With |C| >= |kp| - |B| and |C| >= ki/omega - |kp A + B| this bounds both gains; for a PI
-|C| >= ki/omega.
+implies unstable poles. With |C| >= |kp| - |B| and |C| >= ki/omega - |kp A + B| this inequality bounds kp and ki; for a
+PI |C| >= ki/omega.
 """
 
 from __future__ import annotations
@@ -48,11 +49,11 @@ from railslip_ctrl.loop.stability import RootCount
 # Let F and G be polynomials, phi = tau omega + arg F and kappa = Im G/|F|. F(s) exp(tau s) + G(s) is real on
 # s = j omega if sin phi = -kappa: phi + asin kappa is an even multiple of pi, or phi - asin kappa an odd one. No grid
 # is needed: the frequencies with |kappa| = 1 and the turning points of either angle are roots of polynomials in x =
-# omega^2, isolated with certainty. Between neighbours both angles are monotone, so that their values at the ends give
-# the number of real values there.
+# omega^2, isolated with certainty. Between two neighbouring ones of these frequencies both angles are monotone, so that
+# the angles at both ends give the number of frequencies between them at which the function is real.
 
-_BITS = 128
-_STEP_OUT = 16.0  # ratio of the trial frequencies that replace an end at 0 or infinity until f has the sign of that end
+_BITS = 128  # precision of the isolated roots, bits
+_STEP_OUT = 16.0  # ratio of trial frequencies that replace an end at 0 or infinity until the sign is that of the end
 _MOST_STEPS = 250  # largest number of trial ends
 _NOTHING = 1e-80  # |kappa| below this, near omega = 0, counts as its limit 0; the angle is then a multiple of pi
 
@@ -74,7 +75,7 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
     low, high = low[inside], high[inside]
     roots = [np.array([])]
     for side in (0, 1):
-        # the value is real at each whole number of half turns; omega = 0 and infinity are excluded
+        # the value is real where the angle is an even (side 0) or odd (side 1) number of half turns, 0 and inf excluded
         start, end = ((angles.half_turns(omega, side, ends) - side) / 2 for omega in (low, high))
         start = np.where(low == 0, np.nextafter(start, end), start)
         end = np.where(np.isinf(high), np.nextafter(end, start), end)
@@ -92,7 +93,7 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
 
 
 def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]:
-    """Divide 0 < omega < `highest` at edges and jumps, rad/s; return the ends, those at a jump moved by one float."""
+    """Divide 0 < omega < `highest`, rad/s, at edges and jumps; return the lower and upper ends, next to each jump."""
     every = np.union1d(edges, jumps)
     every = every[every < highest]
     jump = np.isin(every, jumps)
@@ -169,9 +170,9 @@ class _Angles:
         return np.asarray(size + self._log_lead)
 
     def half_turns(self, omega: Floats, side: int, ends: Floats | None = None) -> Floats:
-        """Return (phi + asin kappa)/pi, or for side 1 (phi - asin kappa)/pi; |kappa| is 1 at `ends`.
+        """Return (phi + asin kappa)/pi for `side` 0, (phi - asin kappa)/pi for `side` 1.
 
-        `omega` may be 0 or infinite.
+        `omega` may be 0 or infinite. `ends` are the frequencies at which |kappa| is 1 in spite of rounding.
         """
         inner = np.clip(omega, 1e-100, 1e100)
         phase = angle_sum(self._roots, inner) / np.pi + self._turned + self._dead_time * inner / np.pi
@@ -206,12 +207,13 @@ _SAME = 1e-12  # relative distance below which two boundaries are equal; roundin
 def stable_intervals(
     critical: CriticalGains, scale: float, count: Callable[[float], RootCount], *, signed: bool
 ) -> Intervals:
-    """Return the intervals between critical gains in which the root count is 0.
+    """Return the intervals between critical gains in which no closed-loop pole is unstable.
 
-    `count` gives the root count at a gain, `scale` is a typical gain. If `signed`, gains may be negative.
+    `count` counts the unstable poles at a gain, `scale` is a typical gain. If `signed`, gains may be negative.
 
     Only boundaries marked leftward can lower the count, each by at most 2; all others raise it. With n unstable poles
-    the count is needed again only after (n + 1)//2 leftward boundaries, and after a stable interval at the next one.
+    the poles need to be counted again only after (n + 1)//2 leftward boundaries, and after a stable interval at the
+    next leftward boundary.
     """
     limit = critical.complete_to
     edges = [-limit if signed else 0.0, *critical.values.tolist(), limit]
@@ -343,7 +345,7 @@ class Decomposition:
     # -- critical gains -----------------------------------------------------------------------------------
 
     def proportional_gains(self) -> CriticalGains:
-        """Return all kp for which the loop with ki = 0 has a pole on the axis, at the origin or infinity."""
+        """Return all kp for which the loop with ki = 0 has a pole on the imaginary axis or at infinity."""
         den, num, lag, lead = self._polynomials
         # Im (R/A) = 0, times the positive |N A|^2
         turned = _mirrored(num * lead)
@@ -387,7 +389,7 @@ class Decomposition:
 
     @cached_property
     def _branches(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Ends of the parts of omega > 0 on which kp(omega) is monotone, and kp at these ends or in their limit."""
+        """Ends of the intervals of omega > 0 on which kp(omega) is monotone, and kp, or its limit, at each end."""
         zeros = self.plant.zeros
         poles = np.unique(zeros.imag[(zeros.real == 0) & (zeros.imag > 0)])  # poles of R
         low, high = parts(self.turning_points, poles, self._limit)
@@ -475,7 +477,10 @@ class Decomposition:
     def _unstable_from(
         self, system: Rational, factor: Callable[[float], float], highest: Callable[[float], float]
     ) -> float:
-        """Return a gain k that the module's inequality proves unstable; |L| >= |system| factor(k) up to highest(k)."""
+        """Return a gain k from which up the loop is unstable by the inequality at the top of the module.
+
+        The loop gain |L| is at least |system| factor(k) up to the frequency highest(k), rad/s.
+        """
         needed = np.pi * (2 * self.plant.poles.size + self.plant.zeros.size + 7) / self.dead_time
         size = system.log_size(np.linspace(0.0, 1.5 * needed, 301)[1:])
         gain = float(np.exp(-np.quantile(size, 0.25)))
@@ -500,7 +505,7 @@ class Decomposition:
 
     @cached_property
     def _limit(self) -> float:
-        """Frequency, rad/s, above which no gain within the bounds is critical; inf without dead time."""
+        """Frequency, rad/s, above which no gain within the bounds puts a pole on the axis; inf without dead time."""
         if self.dead_time == 0:
             return np.inf
         if self.plant.gain == 0:
@@ -513,8 +518,9 @@ class Decomposition:
         turned = limit * self.dead_time
         if turned > _MOST_TURNED:
             raise InputError(
-                f"plant: its gain does not fall up to {limit:.3g} rad/s, where the dead time of {self.dead_time:g} s "
-                f"has a phase of {turned:.3g} rad, more than {_MOST_TURNED:g}; add the actuator's lag"
+                f"plant: its gain falls too slowly; up to {limit:.3g} rad/s, the highest crossover, the dead time of "
+                f"{self.dead_time:g} s has a phase of {turned:.3g} rad, more than {_MOST_TURNED:g}; add the actuator's "
+                "lag"
             )
         return limit
 

@@ -15,7 +15,7 @@ The table is in the vehicle's TOML file, or in a file of its own. Every key is o
     speed_scale = [1.0]                   # measured train speed over true train speed
     believed_radius = [1.0]               # radius assumed by the controller over true radius
     reference = { dry = 0.132, wet = 0.092 }    # by default the reference slips of each law
-    initial_speed = 100                   # km/h; v0 of the laws that are published over it, at most 140
+    initial_speed = 100                   # km/h; v0 of the published laws that depend on it, at most 140
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ HeldSlip = Callable[[AdhesionLaw, float, float], float]
 ERRORS = ("torque_gain", "speed_scale", "believed_radius")
 _FACTORS = ("slip", "dead_time", "lag", "radius", *ERRORS)
 
-_SPEED_SHARES = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)  # default speeds over the vehicle's speed limit, if it has one
+_SPEED_SHARES = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)  # default speeds, relative to the speed limit of a vehicle that has one
 
 _LAW_FILES = (".toml", ".py")
 _MOST_CASES = 500_000  # more cases would fill memory; the default envelope has 2592
 _FASTEST = 1000.0  # km/h, above the speed of any train and the domain of any law
-_KNIFE_EDGE = 0.05  # relative distance of a slip from the peak's; nearer, a small change of slip moves a pole past 0
+_KNIFE_EDGE = 0.05  # relative distance to the peak slip below which a small change of slip moves a pole past 0
 
 
 class Envelope(Record):
@@ -97,7 +97,7 @@ class Envelope(Record):
     def __init__(self, vehicle: Vehicle = PARK2008, /, **values: Any) -> None:
         car = values.setdefault("vehicle", vehicle)
         if isinstance(car, (str, Path)):
-            raise InputError(f"Envelope: vehicle: {shown(str(car))} is not a Vehicle; give load_vehicle of the file")
+            raise InputError(f"Envelope: vehicle: {shown(str(car))} is not a Vehicle; read the file with load_vehicle")
         own = json.loads(car.envelope) if isinstance(car, Vehicle) else {}
         if isinstance(car, Vehicle) and car.speed_limit is not None and "speeds" not in own:
             limit = round(car.speed_limit / KMH, 6)
@@ -111,7 +111,7 @@ class Envelope(Record):
     def _each_a_law(cls, value: Any) -> Any:
         for one in value:
             if not isinstance(one, (str, Path, AdhesionLaw)):
-                raise InputError(f"{shown(one)} is not a law; give a name, a file, or a record of an AdhesionLaw")
+                raise InputError(f"{shown(one)} is not a law; give a name, a file, or an AdhesionLaw")
         return value
 
     @field_validator("rails", "laws", "speeds", "loads", *_FACTORS, mode="before")
@@ -162,7 +162,7 @@ class Envelope(Record):
 
     @property
     def law_speed(self) -> float:
-        """Speed v0 of the published laws, km/h: the initial speed, clipped to their range if it is the speed limit."""
+        """Speed v0 of the published laws, km/h: the initial speed; if it is the speed limit, clipped to their range."""
         low, high = INITIAL_SPEED_RANGE_KMH
         limit = self.vehicle.speed_limit
         follows = limit is not None and math.isclose(self.initial_speed, limit / KMH, rel_tol=1e-6)
@@ -214,7 +214,7 @@ class Envelope(Record):
     def knife_edges(self) -> tuple[str, ...]:
         """Warning for each law and rail whose reference slip is within 5 % of the adhesion peak at some speed.
 
-        Near the peak the slip pole changes its sign, and the margins at nearby slips differ much.
+        Near the peak the slip pole changes its sign, and small changes of slip change the margins much.
         """
         warnings: dict[str, str] = {}
         for rail, law, _, load in _laws(self):
@@ -237,9 +237,9 @@ def _beside(held: float, top: float) -> str:
 
 @checked
 def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
-    """Read the table `[envelope]` of a TOML file, speeds in km/h; a vehicle's file without it gives the default.
+    """Read the table `[envelope]` of a TOML file, speeds in km/h; a vehicle's file without it gives the default table.
 
-    - path: a vehicle's file, or a file with the envelope alone. Paths of laws are relative to it.
+    - path: a vehicle's file, or a file with the envelope alone. Paths of laws are relative to this file.
     - vehicle: quarter car; by default the vehicle of the file.
 
     InputError, with file, key and value in one line: a file that cannot be read, or has neither an envelope nor a
@@ -256,14 +256,14 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     if not of_vehicle and (vehicle is None or len(content) > 1):
         key = next((key for key in content if key != "envelope"), None)
         raise InputError(
-            f"{where}: {'has no vehicle; give one too' if key is None else f'{key}: unknown key; remove it'}"
+            f"{where}: {'has no vehicle; give a vehicle too' if key is None else f'{key}: unknown key; remove it'}"
         )
     car = load_vehicle(path) if vehicle is None else vehicle
     table = content.get("envelope", {})
     if not isinstance(table, dict):
         raise InputError(f"{where}: envelope: {table!r} is not allowed; write a table [envelope]")
     if "vehicle" in table:
-        raise InputError(f"{where}: envelope.vehicle: unknown key; write the vehicle's keys above the table")
+        raise InputError(f"{where}: envelope.vehicle: unknown key; write the vehicle's keys before [envelope]")
     table = with_laws_beside(table, path)
     return validated(Envelope, {**table, "vehicle": car}, f"{where}: envelope")
 
@@ -278,7 +278,8 @@ class Case:
     - point: operating point; its vehicle has the load, wheel radius and actuator of the case.
     - load: "empty" or "loaded".
     - slip_factor: slip over reference slip.
-    - errors: torque gain, scale of the train's speed, and assumed over true radius.
+    - nominal: vehicle of the envelope, without load and tolerances.
+    - errors: acting over commanded torque, measured over true train speed, assumed over true wheel radius.
     """
 
     point: OperatingPoint
@@ -430,7 +431,7 @@ def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> Envelop
         cases += [(len(found), i, as_given and i == 0) for i in mine]
         found.append((plant, load, slip, wrong))
     if not cases:
-        raise InputError("envelope: no case is left; " + (skipped[0] if skipped else "give more values"))
+        raise InputError("envelope: no case is left; " + (f"first: {skipped[0]}" if skipped else "give more values"))
     plants, loads, slip_factors, of_errors = zip(*found, strict=True)
     plant_of, actuator_of, operating = (np.array(column) for column in zip(*cases, strict=True))
     return EnvelopePoints(
@@ -499,8 +500,8 @@ def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
     if slip is not None and slip * max(envelope.slip) >= 1:
         of = "" if given is not None else f" of {law.name}"
         raise InputError(
-            f"slip: {max(envelope.slip):g} times the reference slip{of} on {rail} rail, {slip:.4g}, is a locked "
-            f"wheel; give factors < {1 / slip:.4g}, or a smaller reference slip"
+            f"slip: {max(envelope.slip):g} times the reference slip{of} on {rail} rail, {slip:.4g}, is a slip of 1 or "
+            f"more (locked wheel); give factors < {1 / slip:.4g}, or a smaller reference slip"
         )
     if slip is None:
         raise InputError(

@@ -89,7 +89,7 @@ def by_rule(
     judgement = judge(envelope, control, nominal)
     used = judgement.points.operating & (judgement.points.speed_kmh >= judgement.hand_over_kmh)
     worst = float(judgement.run_ms[used].max(initial=0.0))
-    reason = "" if worst <= ms_max else f"its gains follow from rules, and Ms is {worst:.4g}, not <= {ms_max:g}"
+    reason = "" if worst <= ms_max else f"the kind's rule sets the gains, and Ms is {worst:.4g}, not <= {ms_max:g}"
     return Design(control, judgement, reason)
 
 
@@ -121,24 +121,26 @@ def tune(
 ) -> Design:
     """Tune one controller for all operating points of an envelope, empty and loaded, with the largest integral gain.
 
-    A kind whose parameters follow from the vehicle is made by its rule. The arguments are the options of `railslip
-    tune`.
+    If the parameters of the kind follow from the vehicle, they are computed and not tuned. The arguments are the
+    options of `railslip tune`.
 
     - envelope: operating points and tolerances of the controller.
-    - structure: a kind: "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched;
-      one that follows from the vehicle, such as "seeking"; or the class of your own kind.
-    - ms_max: largest Ms at the operating points, a ratio, > 1, of the continuous and the sampled loop; 2 if nothing
-      else is specified. Tolerances are judged, but not used for tuning.
+    - structure: a kind: "pi"; "pi-lead", whose lead cancels the actuator's lag; "pid", whose derivative time is
+      searched; a kind whose parameters follow from the vehicle, such as "seeking"; or the class of your own kind.
+    - ms_max: largest Ms at the operating points, a ratio, > 1, of the continuous and the sampled loop; 2 if there is no
+      other requirement. Tolerances are judged, but not used for tuning.
     - phase_min, delay_min: smallest phase margin, deg, and smallest delay margin, s.
-    - minimise_ms, ki_min: minimise the worst Ms instead, at an integral gain of at least `ki_min`, N*m/m.
+    - minimise_ms, ki_min: minimise the worst Ms, at an integral gain of at least `ki_min`, N*m/m; without them the
+      integral gain is maximised.
     - nominal: judge without tolerances.
     - lead, lead_filter: time constants of the lead, s; by default the actuator's lag, and a tenth of the lead.
-    - period: sampling period, s; by default 10 ms, or that of the kind's rule. It is at most twice the lead's filter.
+    - period: sampling period, s; by default 10 ms, or that of the kind's rule; at most twice `lead_filter`.
 
     Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, with tolerances.
-    InfeasibleDesignError: no gains meet the specification. The message has the lowest speed (km/h) above which it can
-    be met, also with a smaller reference slip and a faster brake. InputError: an unknown structure, a number out of
-    range, `ki_min` or `minimise_ms` alone, an argument that the structure does not use, or an envelope without points.
+    InfeasibleDesignError: no gains meet the specification. The message has the lowest speed (km/h) above which some
+    gains meet it, also for a smaller reference slip and for a faster brake. InputError: an unknown structure, a number
+    out of range, `ki_min` or `minimise_ms` alone, an argument that the structure does not use, or an envelope without
+    points.
     """
     specification, kind = Specification(ms_max, phase_min, delay_min), structure_named(structure)
     if not issubclass(kind, PI):
@@ -172,10 +174,10 @@ def tune_over(
     nominal: bool = False,
     period: float | None = None,
 ) -> tuple[TunedCases, Design | None]:
-    """Tune as `tune`, for any specification; if it is infeasible, return no design but the reason.
+    """Tune as `tune`, for any specification; return the tuning problem with its result, and the design.
 
-    The arguments are those of `tune`, with the class `kind` as structure. If `nominal`, the design is judged only at
-    the operating points.
+    If the specification is infeasible, the tuning problem has the reason and the design is None. The arguments are
+    those of `tune`, with the class `kind` as structure. If `nominal`, only the operating points are judged.
     """
     hold = PERIOD if period is None else check_period(period)
     points = envelope.points(nominal=nominal)
@@ -201,7 +203,7 @@ def tune_over(
     run = sampled_below(tuned.controller(tuned.design), period, plants, actuator, specification.ms_max)
     loops = [wheel_slip_loop(plant, run.design, actuator) for plant in plants]
     worst, gains = worst_of(family_margins(loops)), run.design.gains
-    assert worst is not None, "it was tuned with a longer dead time"
+    assert worst is not None, "the design was tuned with a longer dead time, so that these loops are stable"
     margins = tuple(loop.margins() for loop in loops)
     design = replace(tuned.design, kp=gains.kp, ki=gains.ki, worst=worst, margins=margins)
     return replace(tuned, design=design), judged_design(
@@ -219,8 +221,8 @@ def sampled_below(
 ) -> SampledController:
     """Return the sampled controller of a design, with ki reduced until no sampled loop has a larger Ms than `ms_max`.
 
-    The `design` was tuned for `plants` and `actuator` with the delay of the hold. `period` is the sampling period, s.
-    If the limit is not reached in a few steps, the last controller is returned, and its judgement shows the Ms.
+    The `design` was tuned for `plants` and `actuator` with half a sampling `period`, s, of additional dead time. If Ms
+    is still larger after `_KI_STEPS` reductions, the last controller is returned; the judgement then shows this Ms.
     """
     step, critical = _KI_STEP, list(plants)
     for _ in range(_KI_STEPS):
@@ -262,7 +264,7 @@ def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPl
 
 
 def _tuned_at_ends(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases:
-    """Tune for the hardest plants first: if that is infeasible, so is the whole problem, and this is quicker."""
+    """Tune for the plants at the lowest and the highest speed: if this is infeasible, the whole problem is too."""
     tuned = tuned_at(_ends(plants))
     if tuned.design is not None or len(tuned.points) == len(plants):
         return tuned
@@ -271,7 +273,7 @@ def _tuned_at_ends(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases
 
 
 def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> TunedCases:
-    """Extend a design for the hardest plants to all: add the plants that violate the specification most and tune again.
+    """Extend a design for some plants to all: add the plants that violate the specification most, and tune again.
 
     A design that is optimal for a subset of the plants and feasible for all of them is optimal for all.
     """
@@ -287,7 +289,7 @@ def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], 
 
 
 def _violating(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> list[LinearPlant]:
-    """Return plants, at most `_JOINING` of largest Ms, that violate the specification or exceed the minimised Ms."""
+    """Return the plants, at most `_JOINING`, that most violate the specification or exceed the minimised Ms."""
     assert tuned.design is not None
     if not plants:
         return []
@@ -328,7 +330,7 @@ def _remedies(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: f
         less = envelope.at(reference=ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet))
         lowest = _feasible_from(tuned_at, operating_plants(less.points(nominal=True)), delayed)
         if lowest is not None:
-            yield f"with {factor:g} of the reference slip {met} {lowest:g} km/h up"
+            yield f"with {100 * factor:g} % of the reference slip {met} {lowest:g} km/h up"
             break
     for factor in _REMEDY_FACTORS:
         faster = Actuator(dead_time=factor * brake.dead_time, lag=factor * brake.lag)
@@ -371,7 +373,7 @@ REACH_SHARE = 0.5
 _INTEGRAL_TIMES = 64.0 * 2.0 ** -np.array(
     [0, 2, 3, 4, 4.5, 5, 5.5, 6, 6.5, 7, 8]
 )  # integral times that are tried, relative to dead time plus lag, longest first
-_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # positions in the known interval of gains, on a log scale, tried for other cases
+_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # positions in the known interval of gains, on a log scale, tried for the rest
 _GAINS = 16  # number of gains of an interval, in equal ratios, at which Ms is computed
 _INSIDE = 0.02  # share of an interval, on a log scale, left out at its ends, where gains are not stable
 _WIDEST = 100.0  # largest ratio of the ends of an interval that is searched; smaller gains hardly control the wheel
@@ -393,7 +395,7 @@ _BINDING = 6  # number of cases of each speed, for the lower and for the upper b
 
 @dataclass(frozen=True)
 class StructureChoice:
-    """Candidate of `select`: a structure with its reference slips, and the design, or None with the reason.
+    """Candidate of `select`: a structure with its reference slips, and the design; None, with a `reason`, if it failed.
 
     - reference_factor: factor on the envelope's reference slips.
     - reach_s: longest time, s, in which the integral builds up the torque of the reference slip, over the operating
@@ -439,11 +441,11 @@ class StructureChoice:
         if self.design is not None and not isinstance(self.design.controller, PI):
             return f"{self.structure}: {self.design.judgement.verdict_line}"
         kind = f"PI-lead with a filter of {self.lead_filter:.3g} s" if self.structure == "pi-lead" else "PI"
-        name = f"{kind}, {self.reference_factor:g} of the reference slip"
+        name = f"{kind}, {100 * self.reference_factor:g} % of the reference slip"
         if self.design is None:
             return f"{name}: {self.reason}"
         less = f"; adhesion {100 * (self.adhesion_share - 1):+.2g} %" if self.reference_factor != 1.0 else ""
-        slow = "" if self.reaches else f"; its reference takes {self.reach_s:.3g} s of a stop of {self.stop_s:.3g} s"
+        slow = "" if self.reaches else f"; reaches its reference in {self.reach_s:.3g} s, stops in {self.stop_s:.3g} s"
         return f"{name}: {self.design.judgement.verdict_line}{less}{slow}"
 
 
@@ -476,14 +478,14 @@ def select(
     - robust from some speed up (Ms <= 2 at the operating points, and stable with every tolerance)
     - stable with every tolerance from the lowest speed
     - robust from the lowest speed; if robust nowhere, the smallest worst Ms
-    - the reference slip is reached: the integral builds up its torque within half the stopping time
+    - the reference slip is reached: the integral builds up the necessary torque within half the stopping time
     - the larger reference slip
 
-    For one structure and reference slip the gains are stable from the lowest speed with Ms <= 2 and the largest ki. If
-    none has Ms <= 2, it is the largest ki with an Ms within 5 % of the smallest.
+    For one structure and reference slip, the gains are those with the largest ki among the gains that are stable from
+    the lowest speed with Ms <= 2. If no gains have Ms <= 2, the limit is 5 % above the smallest Ms.
 
     - envelope: operating points and tolerances of the design.
-    - structures: "pi", "pi-lead" or both; the lead is at the actuator's lag.
+    - structures: "pi", "pi-lead" or both; the lead cancels the actuator's lag.
     - reference_factors: factors on the envelope's reference slips, > 0, ratios; only 1 if the laws have different
       reference slips.
     - filter_ratio: time constant of the lead's filter over that of the lead, a ratio, > 0.
@@ -533,7 +535,7 @@ def _choice(
 
 
 def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
-    """Return the smallest ratio of the adhesion at operating points to that at the envelope's own points."""
+    """Return the smallest ratio, over the operating points, of the adhesion at `points` to that at the `own` points."""
     pairs = zip(operating_plants(points), operating_plants(own), strict=True)
     return min(mine.point.adhesion_force / other.point.adhesion_force for mine, other in pairs)
 
@@ -541,8 +543,8 @@ def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
 def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope) -> tuple[float, float]:
     """Return the time to build up the torque of the reference slip, and the stopping time, s.
 
-    Both belong to the operating point at which their ratio is largest. For a rolling wheel the error is the whole
-    reference slip velocity. The initial torque is safe on every rail.
+    Both times belong to the operating point at which their ratio is largest. At the start the wheel rolls, and the slip
+    error is the whole reference slip velocity. Every rail transmits the torque with which the build-up begins.
     """
     operating = [plant.point for plant in operating_plants(points)]
     start = SURE_SHARE * min(point.brake_torque for point in operating)
@@ -564,7 +566,7 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
 
 @dataclass(frozen=True)
 class _Result:
-    """Gains for one integral time, s, with the lowest stable speed, km/h, and the worst Ms from there up."""
+    """Gain for one integral time, s, with the lowest stable speed, km/h, and the worst Ms from this speed up."""
 
     integral_time: float
     speed: float
@@ -596,7 +598,7 @@ class _Search:
         return PIController(PIGains(kp=kp, ki=kp / integral_time), self.lead, self.lead_filter)
 
     def best(self) -> tuple[PIController, float | None]:
-        """Return the controller, and the lowest speed, km/h, from which it has Ms <= 2; None if there is none.
+        """Return the controller, and the lowest speed, km/h, from which up Ms <= 2, or None if Ms > 2.
 
         InfeasibleDesignError if no gains stabilise the loops at the highest speed.
         """
@@ -632,7 +634,7 @@ class _Search:
     def faster(
         self, start: _Result, times: list[float], points: EnvelopePoints, few: EnvelopePoints
     ) -> tuple[PIController, float | None]:
-        """Return controller and lowest speed as `best`, with a shorter integral time if that is not worse.
+        """Return controller and lowest speed as `best`, with a shorter integral time if the result is not worse.
 
         Integral times between that of `start` and the next shorter of `times` are bisected at the `few` cases; the
         results are checked at all `points`.
@@ -717,7 +719,7 @@ class _Search:
 
 
 def _spread(low: float, high: float, count: int) -> list[float]:
-    """Return gains inside an interval, in equal ratios; an infinite upper end is replaced."""
+    """Return gains inside an interval, in equal ratios; an infinite upper end becomes `_WIDEST` times the lower end."""
     if not math.isfinite(high):
         high = _WIDEST * low or _ENOUGH
     low = max(low, high / _WIDEST)
@@ -728,7 +730,7 @@ def _spread(low: float, high: float, count: int) -> list[float]:
 def _binding(
     points: EnvelopePoints, low: Floats, high: Floats, ms: Floats, operating: EnvelopePoints
 ) -> EnvelopePoints:
-    """Return the cases of each speed that bound the gains most, and its operating points of highest Ms at each gain."""
+    """Return for each speed the cases that bound the gains most, and the operating point of largest Ms at each gain."""
     chosen = np.zeros(len(points), dtype=bool)
     numbers = np.flatnonzero(points.operating)
     for speed in np.unique(points.speed_kmh):

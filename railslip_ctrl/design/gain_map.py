@@ -1,7 +1,7 @@
 """Map of the gains with Ms below a level at every operating point, and of Ms over any two parameters of a controller.
 
-The map consists of rows of equal ki. The ends of the intervals of a row are exact: they follow from the gains that each
-frequency excludes (`tuning_search`). The exact root count decides whether the loop is stable between two ends.
+The map consists of rows of equal ki, each with intervals of kp. The ends of the intervals are exact: they follow from
+the gains that each frequency excludes (`tuning_search`). The exact root count decides whether an interval is stable.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from .tuning_search import Family
 LEVELS = (4.0, 3.0, 2.5, 2.0, 1.8, 1.6, 1.4)
 """Ms of the contours, descending; the first bounds the map."""
 
-_SHARES = 1 - (1 - np.linspace(1e-4, 1.0, 12)) ** 1.7  # rows of a contour, relative to its largest ki, denser near it
+_SHARES = 1 - (1 - np.linspace(1e-4, 1.0, 12)) ** 1.7  # ki of the rows over the largest ki of a contour, denser near 1
 _HALVINGS = 8  # bisections for the end of a contour
 _HARDEST = 5  # number of plants of the quick map
 _SPAN = 4.0  # ratio of the largest to the middle value of a parameter in `ms_cells`
 _LEAST_KI = 0.1  # 1/s, ratio ki/kp at which the search for the largest ki begins if the controller has no integral
 _NEAR_TOP = 1.06  # ratio of successive ki at which the search for the largest ki ends
-_MOST_KI = 1e9  # ratio to the first ki at which the search ends, because nothing bounds ki
+_MOST_KI = 1e9  # ratio of ki to the first ki at which the search ends, because nothing bounds ki
 _GRID = 200  # number of frequencies for finding the hardest plant
 
 Row = tuple[float, list[Interval]]
@@ -64,7 +64,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
     """Return the gains of a PI that stabilise all plants, then those that meet each of `LEVELS` at all plants.
 
     - control: PI, whose lead is kept.
-    - plants, actuator: the loops; every plant must meet a level.
+    - plants, actuator: other parts of the loops; every loop must meet a level.
 
     Levels that no gains meet are left out. The result is empty if no gains stabilise.
     """
@@ -93,7 +93,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
         return intervals
 
     def row(ki: float, ms: float | None) -> list[Interval]:
-        """Return the intervals of kp at one ki; finite Ms excludes poles on the axis, so one loop tests each."""
+        """Return the intervals of kp at one ki; none crosses an end of a stable interval, where Ms is infinite."""
         if ms is None or not stable(ki):
             return stable(ki)
         gaps = family.forbidden.gaps(ki, Specification(ms), ki)
@@ -148,7 +148,7 @@ def ms_cells(
 
     - control_at: function of the two parameters that returns the controller.
     - around, count: central value and number of values of each parameter.
-    - plants, actuator: the loops.
+    - plants, actuator: other parts of the loops.
 
     Ms is inf if a loop is unstable, and NaN if `control_at` has no controller for the values.
     """

@@ -33,17 +33,17 @@ from .specification import is_robust
 
 _LOOKED_AT = 3  # cases of each speed whose sampled loop is computed too: sampling may reorder nearly equal Ms
 _ROUGH, _ROUGH_GRID = ("phase_deg", "delay_s", "gain_decrease", "gain_increase"), 400
-_ROUGHLY_LEAST = 2  # cases of least margin on the grid whose margin is then computed exactly
-_ROUNDING = 1 - 1e-9  # factor on a speed in km/h that was converted from m/s
+_ROUGHLY_LEAST = 2  # number of cases with the least margins on the grid, whose margins are then computed exactly
+_ROUNDING = 1 - 1e-9  # factor that allows for the rounding of a speed converted from m/s to km/h
 _ENGINES_AGREE = 1e-6  # relative difference of Ms computed for many loops at once and for one; both are exact to 1e-9
 
 
 @dataclass(frozen=True)
 class WorstCase:
-    """Worst case of a controller, with its loop and its margins, computed for it alone (None for an unstable loop).
+    """Worst case of a controller, with the loop of this case and the margins of the loop (None if it is unstable).
 
-    `run_case`, `as_run` and `sampled` are the case, the loop and the margins of the worst sampled loop. `as_run` and
-    `sampled` are None unless a continuous controller states its sampling.
+    `run_case`, `as_run` and `sampled` are the case, the loop and the margins of the worst sampled loop of a continuous
+    controller that states its sampling. For any other controller `as_run` and `sampled` are None.
     """
 
     case: Case
@@ -80,7 +80,7 @@ class WorstCase:
         """Ms, also of the sampled loop, with the case as text."""
         if self.as_run is None or self.margins is self.sampled is None:
             return self.loop_description
-        run = f"{_kept(self.sampled)} sampled every {self.as_run.period:g} s"
+        run = f"{_kept(self.sampled)} if sampled every {self.as_run.period:g} s"
         if self.run_case is self.case:
             return f"{_kept(self.margins)} ({run}) at {self.case.description}"
         return f"{self.loop_description} ({run} at {self.run_case.description})"
@@ -131,8 +131,8 @@ class Judgement:
     - envelope: envelope with the reference slips at which the controller was judged.
     - nominal: whether only the operating points were judged.
     - points: cases of the envelope.
-    - margins: margins of each case, NaN for an unstable loop. Except at operating points, gain margins are NaN,
-      and for a discrete controller all margins but Ms. A seeking controller has only Ms.
+    - margins: margins of each case, NaN for an unstable loop. With tolerances the gain margins are NaN, and for a
+      discrete controller all margins except Ms. For a seeking controller only Ms is computed.
     """
 
     controller: Any
@@ -251,7 +251,7 @@ class Judgement:
         return MsMap(speeds, loads, worst(self.points.operating), worst(np.ones(len(self.points), dtype=bool)))
 
     def by_axis(self) -> dict[str, dict[Any, tuple[float, float]]]:
-        """For each axis of the envelope and each of its values: share of stable loops, and worst Ms of these loops."""
+        """Share of stable loops, and worst Ms of the stable loops, for each value on each axis of the envelope."""
         plants, actuators = self.points.plants, self.points.actuators
         of_plants = {
             "law": [plant.point.adhesion for plant in plants],
@@ -282,7 +282,7 @@ class Judgement:
         if (self.usable_from_kmh or 0.0) > max(min(self.envelope.speeds), self.hand_over_kmh / _ROUNDING):
             line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.description}"
         left_out = len(self.points.skipped)
-        return line + (f"; {left_out} left out" if left_out else "") + self._handed_over
+        return line + (f"; cases left out: {left_out}" if left_out else "") + self._handed_over
 
     @property
     def hand_over_kmh(self) -> float:
@@ -310,7 +310,7 @@ class Judgement:
         past = sum(one.slip > peak(one.law, one.speed, one.vehicle.wheel_load).slip for one in points)
         return (
             f"judged at the slip that the controller finds, {min(slips):.3g} to {max(slips):.3g} by rail and speed, "
-            f"and at the envelope's factors on it; {100 * past / len(points):.0f} % of these slips are past the peak",
+            f"and at this slip times the factors; {100 * past / len(points):.0f} % of these slips are past the peak",
         )
 
     def table(self) -> dict[str, Any]:
@@ -351,7 +351,7 @@ class Judgement:
         )
 
     def _decided(self, cases: Flags) -> str:
-        """Verdict over the chosen `cases` with its deciding case: an operating point, or an unstable tolerance case."""
+        """Verdict over `cases` with the case that decides: an operating point, or an unstable case with tolerances."""
         verdict = self._verdict(cases)
         tolerances = verdict == "fragile" and not self._stable(cases)
         worst = self._worst(cases if tolerances else cases & self.points.operating)
@@ -394,7 +394,7 @@ class Judgement:
 
     @cached_property
     def as_it_runs(self) -> bool:
-        """Whether `ms` is that of the sampled loops, as for kinds with their own loop."""
+        """True if `ms` is that of the sampled loops: the kind of controller builds its own loop."""
         return isinstance(self.controller, Controller) and type(self.controller).loop is not Controller.loop
 
     def _loop(self, index: int, made: Callable[..., Any]) -> tuple[Any, Margins | None]:
@@ -423,9 +423,9 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
 
     - envelope: operating points and tolerances.
     - controller: linear system from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop` takes
-      it. A continuous system that does not state its sampling is sampled every 10 ms by Tustin's rule. Slips are those
-      of the envelope's `reference`, or else of the controller's. A controller that finds the slip by itself, such as
-      the seeking controller, is judged at the slip that it finds with each law.
+      it. A continuous system that does not state its sampling is sampled every 10 ms by Tustin's rule. The reference
+      slips are those of the envelope if it has any, else those of the controller. A controller that finds the slip by
+      itself, such as the seeking controller, is judged at the slip that it finds with each law.
     - nominal: whether to judge the operating points alone, without tolerances.
 
     Returns the verdict, the lowest speed (km/h) at which the controller may be used, the worst cases, and the margins
@@ -449,7 +449,8 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
 def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
     """Envelope with the reference slips of the controller, unless the envelope has reference slips of its own.
 
-    If the controller finds the slip by itself, no reference is used; the speeds at which its loop changes are added.
+    If the controller finds the slip by itself, no reference is used, and the speeds at which the controller's loop
+    changes are added to the envelope.
     """
     reference = getattr(controller, "reference", None)
     if finds_slip(controller):
@@ -543,7 +544,7 @@ def margins_at(
 
 
 def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
-    """Margins named in `_ROUGH` of a stable loop, approximate, from a grid of frequencies."""
+    """Approximate margins of a stable loop, in the order of `_ROUGH`, from a grid of frequencies."""
     low, high = loop.feature_band()
     omega = np.geomspace(low, high, _ROUGH_GRID)
     response = loop.response(omega)
@@ -577,7 +578,7 @@ def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
     for index in range(len(points)):
         plant, actuator = _of(points, index)
         loop = wheel_slip_loop(plant, controller, actuator)
-        assert isinstance(loop, SampledLoop), "as its controller is discrete"
+        assert isinstance(loop, SampledLoop), "the loop of a discrete controller is sampled"
         columns["ms"][index] = sampled_peak(loop)
         columns["stable"][index] = math.isfinite(columns["ms"][index])
         if points.operating[index] and columns["stable"][index]:

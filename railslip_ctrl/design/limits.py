@@ -1,6 +1,6 @@
 """Limits of performance for any controller, which follow from the plant alone, and the control effort of a controller.
 
-The limits are of two kinds. *Theorems* hold for every stabilising linear controller, or for every one of a given
+The limits are of two kinds. *Theorems* hold for every stabilising linear controller, or for every controller of a given
 structure. *Rules of thumb* give the range of a suitable crossover.
 
 The peaks: S is 0 at the unstable poles p_i, and T contains the dead time and the zeros right of the axis. Therefore
@@ -9,7 +9,7 @@ and the smallest peak is the Nevanlinna-Pick bound: gamma^2 is the largest eigen
 A_ij = 1/(p_i + conj p_j), W = diag(exp(tau p_i)/B_z(p_i)). For one real pole this is exp(p tau) times |(z + p)/(z - p)|
 for each zero ([Astrom2021] 14.4). The same number bounds Ms: by commutant lifting ([Sarason1967]) each of the two
 smallest norms is 1/sin of the angle between the subspaces of H2 orthogonal to B_p H2 and to exp(-tau s) B_z H2, which
-is the same angle for both. So Ms >= exp(p tau) too, which is sharper than Mt - 1.
+is the same angle for both. So Ms >= exp(p tau) too, which is sharper than Ms >= Mt - 1.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class StructureLimit:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits for any controller by a plant, its dead time tau (s) and its actuator lag T (s).
+    """Limits that a plant with dead time tau (s) and actuator lag T (s) sets for any controller.
 
     - unstable_poles, unstable_zeros: plant poles and zeros with positive real part, 1/s.
     - unstable_pole: largest real part p among the poles, 1/s; 0 if the plant is stable.
@@ -271,7 +271,8 @@ class Effort:
       Nyquist frequency w: sqrt(1/w * integral over 0..w of |C S|^2), N*m/(m/s).
     - reference_rate: largest |rate| of the acting torque (after dead time and lag), N*m/s, for a step of 1 km/h of
       reference or measurement; inf without lag if C jumps.
-    - disturbance_rate: the same for an impulse of torque at the wheel that changes the slip velocity by 1 km/h.
+    - disturbance_rate: largest |rate| of the acting torque, N*m/s, after an impulse of torque at the wheel that changes
+      the slip velocity by 1 km/h.
     """
 
     high_frequency_gain: float
@@ -288,7 +289,7 @@ def control_effort(
     - controller: linear system, or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity.
     - plant: linear system from commanded torque to -e without the dead time, lag included, as from `actuated_plant`.
     - dead_time, lag: of the actuator, s, >= 0.
-    - sampling_period: s, > 0.
+    - sampling_period: sampling period of the measurement with white noise, s, > 0.
 
     InputError: an argument of wrong type or out of its range.
     """

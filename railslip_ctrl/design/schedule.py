@@ -126,7 +126,7 @@ def lowest_held_speed(
     - plant: function of the speed, km/h, that returns the linear plant.
     - controller, actuator: the other parts of the loop.
     - ms_max: largest Ms, a ratio; by default only stability is required.
-    - low_kmh: lower end of the search, km/h, which the result cannot fall below.
+    - low_kmh: lower end of the search, km/h; the result is not lower.
 
     InfeasibleDesignError if the loop is unstable, or has a larger Ms, at 100 km/h.
     """
@@ -180,7 +180,10 @@ Controller = Any
 
 @dataclass(frozen=True)
 class MarginSweep:
-    """Margins by controller name over `values` of a quantity (`axis`), (n,), NaN if unstable; rightmost `pole`, 1/s."""
+    """Margins by controller name over `values` of a quantity (`axis`), (n,), NaN if unstable.
+
+    `pole` is the real part of the plant's rightmost pole at each value, 1/s, (n,).
+    """
 
     title: str
     axis: str

@@ -44,7 +44,7 @@ from .specification import family_margins
 
 # --- certainty, in ball arithmetic ------------------------------------------------------------------------------------
 
-_BITS = 80
+_BITS = 80  # precision of ball arithmetic, bits
 _OUTWARD = 16.0  # factor by which the ends of the frequency band move outward until a bound holds beyond them
 _MOST_PARTS = 5_000  # largest number of parts of the frequency band
 
@@ -66,7 +66,7 @@ def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: 
 
 
 def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> Interval | None:
-    """Return the band outside of which no gain of the rectangle puts a pole on the axis; None if none is found.
+    """Return the frequency band, rad/s, outside of which no gain of the rectangle puts a pole on the axis, or None.
 
     Below the band |R| = 1/|P/s| < ki, above it |P| (|kp| + ki/omega) < 1. Both are monotone there.
     """
@@ -251,7 +251,7 @@ class StabilizingRegion(Region):
 
     @cached_property
     def is_empty(self) -> bool:
-        """True if no gains stabilise, not even larger ki if `kp_range` is None."""
+        """True if no gains stabilise; if only `kp_range` is None, larger ki may still stabilise."""
         return not self.p_intervals and self._island is None
 
     def ki_intervals(self, kp: float) -> Intervals:
@@ -269,7 +269,7 @@ class StabilizingRegion(Region):
         if self._hidden.size:
             return (
                 f"no gains stabilise: the plant's pole at {self._hidden[0]:.6g} 1/s is cancelled by a zero, so that no "
-                "controller affects it; remove both from the plant if they are not real"
+                "controller affects it; remove pole and zero from the plant if they are artefacts of the model"
             )
         if self.p_intervals or self._sign_at_origin == 0 or (self._sign_at_origin < 0 and not self.plant.feedthrough):
             return self._reason_of_sign()
@@ -357,7 +357,8 @@ class StabilizingRegion(Region):
     def _island(self) -> tuple[float, Interval] | None:
         """Find a kp for which some ki stabilises although small ki does not; None if there is none.
 
-        At certain kp the boundary meets ki = 0 or has a turning point. One kp is tried between each two neighbours.
+        At certain kp the boundary meets ki = 0 or has a turning point. One kp between each two neighbouring ones of
+        these is tried.
         """
         turns = self.decomposition.turning_points
         edges = np.unique([e for e in [*self._edges_of_kp(), *self.decomposition.curve(turns)[0]] if math.isfinite(e)])
@@ -386,7 +387,7 @@ class IntersectionRegion(Region):
 
     @cached_property
     def kp_intervals(self) -> Intervals:
-        # the smallest of the sufficiently small ki of all plants serves all: the intersection over kp is exact
+        # at a kp in all sets, each plant is stable for all sufficiently small ki, and so are all plants together
         return common_intervals([region.kp_intervals for region in self.regions])
 
     def ki_intervals(self, kp: float) -> Intervals:
@@ -400,7 +401,7 @@ class IntersectionRegion(Region):
         alone = [(name, r.reason) for name, r in zip(names, self.regions, strict=True) if r.reason]
         if alone:
             name, reason = alone[0]
-            more = f" (nor {len(alone) - 1} more of the {len(names)})" if len(alone) > 1 else ""
+            more = f" (and {len(alone) - 1} more of {len(names)} plants)" if len(alone) > 1 else ""
             return f"{name}{more}: {reason}"
         sets = [(name, r.kp_intervals) for name, r in zip(names, self.regions, strict=True)]
         # two disjoint sets are a sufficient reason
@@ -470,7 +471,7 @@ def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> Inters
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
     if names and len(names) != len(regions):
-        raise InputError(f"names: {len(names)} for {len(regions)} regions; give one for each, or none")
+        raise InputError(f"names: {len(names)} for {len(regions)} regions; give one name for each region, or none")
     return IntersectionRegion(tuple(regions), tuple(names))
 
 
@@ -536,7 +537,7 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
 
     Columns are denser at the ends of `region.kp_range`. A strip lies between two continuous boundaries. `kp_limit` and
     `ki_limit` are the largest gains, > 0, in the region's units; a strip that continues beyond them is marked. By
-    default the whole region.
+    default the whole region is returned.
 
     The ends of a strip are refined only where two neighbouring columns have different numbers of stable intervals of
     ki. Parts of the region that lie between two columns are missed; `Region.contains` is exact.
@@ -601,7 +602,7 @@ def region_map(
         raise InputError(f"region: there is nothing to draw; {region.reason or 'give larger limits'}")
     top = max(float(strip.ki_high.max()) for strip in strips)
     if math.isinf(top):
-        raise InputError("region: it is unbounded in ki; give ki_limit, the largest ki to draw")
+        raise InputError("region: unbounded in ki; give ki_limit, the largest ki to draw")
     low, high = min(float(strip.kp[0]) for strip in strips), max(float(strip.kp[-1]) for strip in strips)
     return strips, margin_grid(region, np.linspace(low, high, _GRID[0]), np.linspace(0.0, top, _GRID[1]))
 

@@ -29,7 +29,7 @@ __all__ = ["PIDesign", "Specification", "pi_for_crossover", "pi_transfer_functio
 
 @dataclass(frozen=True)
 class PIDesign:
-    """Tuned PI gains with the margins of every plant and the worst of them.
+    """Tuned PI gains with the margins of every plant and the worst value of each margin.
 
     kp is in units of plant input per output, ki in the unit of kp per second.
     """
@@ -68,11 +68,11 @@ def tune_pi(
     - ki_min: smallest ki, > 0, in the unit of kp per second; without it the integral action would vanish.
     - compensator: python-control system, `Rational`, or a real number; a further transfer function in series with the
       PI, such as a lead.
-    - names: names of the plants for errors; by default numbers.
+    - names: names of the plants in messages; by default numbers.
 
     The gains meet the specification exactly, and ki is a local maximum. The search covers kp up to four times the
     values that stabilise with small ki. With a bound on Ms (up to 50) it excludes larger ki rigorously, except for
-    feasible gains that span less than 4 % of ki. Without such a bound it tries values of ki 25 % apart.
+    feasible gains that span less than 4 % of ki. Without a bound on Ms it tries values of ki 25 % apart.
 
     Returns kp, in units of the plants' input per output, ki, in the unit of kp per second, and all plants' margins.
     InfeasibleDesignError: no PI meets the specification; the message has the best achievable value. InputError: no
@@ -82,12 +82,12 @@ def tune_pi(
     systems = _systems(plants, compensator)
     family = Family(systems, _dead_times(plants, dead_time), compensator is not None, tuple(names))
     if names and len(names) != len(systems):
-        raise InputError(f"names: {len(names)} for {len(systems)} plants; give one for each, or none")
+        raise InputError(f"names: {len(names)} for {len(systems)} plants; give one name for each plant, or none")
     if minimise_ms:
         if ki_min is None:
-            raise InputError("ki_min: None is not allowed with minimise_ms; give a least ki > 0")
+            raise InputError("ki_min: None is not allowed with minimise_ms; give the smallest ki, > 0")
     elif ki_min is not None:
-        raise InputError("ki_min: goes with minimise_ms; ki is maximised otherwise")
+        raise InputError("ki_min: goes with minimise_ms; leave it out to maximise ki")
     return _tuned(family, specification, ki_min)
 
 
@@ -137,7 +137,8 @@ def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margi
     smallest = loop.margins().phase_deg
     if smallest < phase_margin_deg * (1 - 1e-9):
         raise InfeasibleDesignError(
-            f"{required} is met, but another gain crossover has only {smallest:.4g} deg; choose another crossover"
+            f"{required} is met, but the phase margin at another gain crossover is {smallest:.4g} deg; choose another "
+            "crossover"
         )
     return kp, ki
 
@@ -149,7 +150,7 @@ def _systems(plants: Any, compensator: Any) -> list[Rational]:
     extra = Rational.from_control(1.0 if compensator is None else compensator, "compensator")
     systems = [extra * Rational.from_control(plant, "plants") for plant in members]
     if not all(system.gain for system in systems):
-        raise InputError("plants: one is 0, with its compensator; give plants with nonzero gain")
+        raise InputError("plants: a plant in series with the compensator has gain 0; give nonzero gains")
     return systems
 
 
@@ -169,7 +170,7 @@ _LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times of the first 
 
 @dataclass(frozen=True)
 class TunedCases:
-    """Tuning problem of a structure at some operating points, with its design, or None and the reason; SI."""
+    """Tuning problem of a structure at some operating points, SI; an infeasible one has a `reason` and no design."""
 
     kind: type[PI]
     points: tuple[OperatingPoint, ...]
@@ -201,11 +202,11 @@ def tune_cases(
     lead: float | None = None,
     lead_filter: float | None = None,
 ) -> TunedCases:
-    """Tune one controller for all plants; an infeasible specification gives a result without design, with its reason.
+    """Tune one controller for all plants; if the specification is infeasible, the result has no design but a reason.
 
     - kind: class of the controller, which sets the compensator in series with kp + ki/s: none for a `PI`; for a
-      `PILead` a lead at the actuator's lag, or `lead`, s; for a `PID` a lead that is searched between 0.3 and 3 times
-      the lag.
+      `PILead` a lead with the time constant `lead`, s, by default the actuator's lag; for a `PID` a lead that is
+      searched between 0.3 and 3 times the lag.
     - lead_filter: time constant of the lead's filter, s; by default a tenth of the lead.
     - ki_min: smallest ki, N*m/m, at which the worst Ms is minimised; without it ki is maximised.
 
@@ -284,7 +285,7 @@ class CommonPI:
     - controller: the PI.
     - worst_ms: largest peak of |S| over the operating points, a ratio.
     - integral_time: kp/ki, s.
-    - gain_range: interval of kp that stabilises all of them at that integral time, N*m/(m/s).
+    - gain_range: interval of kp that stabilises all operating points at this integral time, N*m/(m/s).
     """
 
     controller: PIController
@@ -340,7 +341,8 @@ def _common_range(
     texts = "; ".join(
         f"{plant.point.rail} {plant.point.speed_kmh:g} km/h: "
         + ("none" if r is None else f"{r[0]:.4g} to {r[1]:.4g} N*m/(m/s)")
-        + f" (unstable pole times actuator {max(plant.poles.real.max(), 0) * (actuator.dead_time + actuator.lag):.3g})"
+        + " (unstable pole times (dead time + lag) "
+        + f"{max(plant.poles.real.max(), 0) * (actuator.dead_time + actuator.lag):.3g})"
         for plant, r in zip(plants, ranges, strict=True)
     )
     raise InfeasibleDesignError(f"no single PI stabilises all operating points; stabilising kp: {texts}")
@@ -455,7 +457,10 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     plant = Rational.from_control(plant, "plant")
     roots = np.concatenate([plant.poles, plant.zeros])
     if plant.poles.size == 0 or np.any(np.abs(roots.imag) > _REAL * np.abs(roots)) or np.any(plant.zeros == 0):
-        raise InputError("first-order model: the plant must have poles, all roots real, and no zero at the origin")
+        raise InputError(
+            "first-order model: the plant has complex roots, a zero at the origin, or no pole; give a plant with real "
+            "poles and zeros, or tune it with tune_pi"
+        )
     poles, zeros = plant.poles.real, plant.zeros.real
     if np.count_nonzero(poles >= 0) > 1:
         raise InputError(
@@ -482,7 +487,10 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
         )
     theta -= float(leads.sum())
     if theta < 0:
-        raise InputError(f"first-order model: the zeros leave a dead time of {theta:.4g} s; no rule applies")
+        raise InputError(
+            f"first-order model: with the zeros of the plant subtracted its dead time is {theta:.4g} s, but the tuning "
+            "rules need >= 0; cancel the zeros in the controller first"
+        )
     return FirstOrderModel(kind, float(gain), time_constant, theta)
 
 
@@ -528,7 +536,7 @@ def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, der
     a graph.
 
     InputError: the plant is not unstable; no PI (theta >= T) or no PID (theta >= 2 T) stabilises its model; lambda is
-    not > 0; or `first_order_model` raises it.
+    not > 0; or the plant is not allowed in `first_order_model`.
     """
     model = first_order_model(plant, dead_time)
     if model.kind is not Kind.UNSTABLE:

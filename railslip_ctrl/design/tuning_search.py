@@ -6,8 +6,9 @@ MIGO). For phase and delay margin, a crossover at omega needs kp^2 + (ki/omega)^
 of C P; this excludes an arc of gains.
 
 At one ki (a row), the kp that meet the specification are the gaps between the excluded intervals of all frequencies.
-One exact loop inside a gap decides whether it is stable. The search tries rows from the largest ki down until one has a
-stable gap. It follows this gap to its largest ki (its tip) on refined frequencies, and ends with exact margins.
+The exact root count of one loop inside a gap decides whether the gap is stable. The search tries rows from the largest
+ki down until one has a stable gap. It follows this gap to the largest ki (the tip) with more frequencies, and ends with
+exact margins.
 
 An ellipse is convex: a kp that it excludes at two ki is excluded at every ki between them. The gaps that remain in a
 band of ki contain all gains that meet the bound on Ms. The centres of the ellipses are the gains with a pole on the
@@ -37,15 +38,15 @@ from .decomposition import Interval, common_intervals
 from .specification import Specification, family_margins
 from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
 
-_PER_NODE = 6  # frequencies between neighbouring nodes of a plant
+_PER_NODE = 6  # number of frequencies per interval between two neighbours of `frequency_nodes`
 _TURN = 0.15  # rad, phase of the dead time between neighbouring frequencies, while |C P| is relevant
 _MOST_TURNS = 6000  # largest number of these frequencies
 _FARTHEST = 4.0  # largest kp searched, relative to the largest that stabilises with little integral action
 _MATTERS = 0.5 / _FARTHEST  # |C P| below which a frequency affects no peak or margin
-_CLOSER = 61  # frequencies of a refinement, between the neighbours of a critical one
+_CLOSER = 61  # number of frequencies that refine the interval between the two neighbours of a critical frequency
 _NEARLY = 0.2  # relative to Ms - 1: frequencies this close to the bound may be critical after refinement
 _NARROWEST = 1e-9  # relative width of a gap below which it is due to rounding of its ends
-_REACH = 10.0  # largest gains, relative to those of the highest samples, for a plant without dead time
+_REACH = 10.0  # factor between the gains at the highest samples and the ends of the search, without dead time
 
 
 class Forbidden:
@@ -66,12 +67,12 @@ class Forbidden:
         last = np.cumsum([omega.size for omega in omegas]) - 1
         self._last_of_double = last[[r.dead_time == 0 and r.system.relative_degree == 2 for r in responses]]
         self.reach = min(_REACH * float(np.nanmax(self._size[member])) for member in members)
-        """Largest |kp|; with larger ones some crossover is above all samples. `ki_ends` is the same for ki."""
+        """Largest |kp| searched: a larger one has a crossover above all samples. `ki_ends` are the ends of ki."""
         self.reach = min(self.reach, *(_FARTHEST * kp for kp in usual_kp))
         ki = self._omega * self._size
         self.ki_ends = float(np.nanmin(ki)) / _REACH**3, min(float(np.nanmax(ki[m])) for m in members) / _REACH
         self.log_times = -math.log(self._omega.max()) - 7.0, 7.0 - math.log(self._omega.min())
-        """Logarithms of times, s, far below and far above those of the plants."""
+        """Logarithms of two times, s, far below and far above the time constants of the plants."""
 
     @classmethod
     def sampled(cls, systems: Sequence[Rational], dead_times: Sequence[float], usual_kp: Sequence[float]) -> Forbidden:
@@ -80,7 +81,7 @@ class Forbidden:
         return cls(responses, [_frequencies(*pair) for pair in zip(responses, usual_kp, strict=True)], usual_kp)
 
     def closer(self, kp: float, ki: float, ms_max: float) -> Forbidden:
-        """Return a copy with more samples near the crossovers of these gains and near minima |1 + L| of 1/`ms_max`."""
+        """Return a copy with more samples near the crossovers of these gains and near minima |1 + L| at the bound."""
         with np.errstate(divide="ignore", invalid="ignore"):  # division by 0 at a pole on the axis
             loop = (kp - 1j * ki / self._omega) / self._inverse
             apart, above = np.abs(1 + loop), np.abs(loop) > 1
@@ -97,7 +98,7 @@ class Forbidden:
     def gaps(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
         """Return the intervals of kp, ascending, that no sample excludes at this ki > 0, within `reach`.
 
-        With a larger ki `to`, only intervals that the bound on Ms excludes at all ki between both are left out.
+        With a larger ki `to`, return intervals that Ms does not exclude at every ki from `ki` to `to`.
         """
         parts = [*self._arcs(ki / self._omega, specification), *self._crossover_ends(ki, specification)]
         if to is not None:
@@ -120,7 +121,7 @@ class Forbidden:
 
         The plants have no dead time. Centre -x and radius of the ellipses grow as omega^2, y at most as omega, and
         ki/omega falls. So if ki/omega + |y| < r at the last sample, an ellipse contains every kp beyond its centre.
-        These gains are stable, so that without this every row would have a gap there.
+        These gains stabilise; without this test every row would have a stable gap there.
         """
         last = self._last_of_double
         last = last[ki / self._omega[last] + np.abs(self._inverse.imag[last]) < radius[last]]
@@ -191,7 +192,7 @@ def _leg(hypotenuse: Floats, other: Floats) -> Floats:
 def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     """Return the interval of [0, 1] on which all linear functions, given by their values at 0 and 1, are >= 0.
 
-    If there is none, its start is above its end.
+    If the functions have no such interval in common, the start is above the end.
     """
     start, end = np.zeros(ends[0][0].size), np.ones(ends[0][0].size)
     for first, last in ends:
@@ -215,7 +216,7 @@ _FAR_UP, _FAR_DOWN = 4.0, 20.0  # largest steps of ln ki in the search for a bra
 _FINEST = 0.04  # relative width of a band of ki that is not divided further
 _LOOKS = 7  # number of kp in a gap for a coarse minimum
 _TOP = 2e-3  # relative tolerance of ki at which the bisection ends and exact margins are used
-_PIECES = 8  # pieces of a gap if there is a requirement on the crossover, because the crossover may jump within it
+_PIECES = 8  # pieces of a gap if there is a requirement on the crossover, because the crossover may jump in a gap
 _LARGEST_MS = 1e6  # largest Ms - 1; loops above it count as unstable
 _LEAST_MS = 1e-9  # smallest Ms - 1
 _TIGHTENINGS = 16  # bisections of a bound before exact margins are used
@@ -247,7 +248,7 @@ class Family:
         return family_margins(loops, gain_margins=False, peaks=peaks)
 
     def worst(self, kp: float, ki: float, margin: str) -> float:
-        """Return the worst value of a margin over the plants, negated unless it is Ms; inf if a loop is unstable."""
+        """Return the largest Ms, or minus the smallest other margin, over the plants; inf if a loop is unstable."""
         margins = self.margins(np.array([kp]), ki, peaks=margin == "ms")
         values = getattr(margins, margin) * (1 if margin == "ms" else -1)
         return float(np.where(margins.stable, values, np.inf).max())
@@ -319,7 +320,7 @@ class Family:
     def row(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
         """Return the intervals of kp that meet a specification at a ki.
 
-        With `to`, return the stable intervals that the bound on Ms does not exclude at all ki from one to the other.
+        With `to`, return the stable intervals that the bound on Ms does not exclude at every ki from `ki` to `to`.
         """
         met, intervals = Specification() if to else specification, []
         for family in (self.few, self):
@@ -461,7 +462,7 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
 
 
 def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
-    """Return ln ki near `start` that meets a condition, and one that fails; equal if all meet it, None if none does."""
+    """Return a ln ki near `start` that meets a condition and one that does not; equal if all meet it, None if none."""
     first, here = bool(met(start)), start
     while step < (_FAR_UP if first else _FAR_DOWN):
         ahead = here + (step if first else -step)
@@ -571,7 +572,7 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
 
 
 def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> InfeasibleDesignError:
-    """Return the error if no gains with ki >= `ki_min` are stable: the largest ki, or the limit by other bounds."""
+    """Return the error if no gains with ki >= `ki_min` meet the specification, with the largest ki that stabilises."""
     largest, _ = next(_highest_rows(family, Specification()), (math.nan, []))
     if math.isnan(largest):
         return _infeasible(family, specification)
@@ -579,8 +580,8 @@ def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> 
         reason = _infeasible(family, specification)
         return InfeasibleDesignError(f"no PI with ki >= {ki_min:g} meets the specification: {reason}")
     return InfeasibleDesignError(
-        f"no PI with ki >= {ki_min:g} stabilises all plants; give a ki of at most about {largest:.4g}, the largest "
-        "that does"
+        f"no PI with ki >= {ki_min:g} stabilises all plants; give a ki_min of at most about {largest:.4g}, the "
+        "largest ki that does"
     )
 
 

@@ -39,7 +39,7 @@ class Workbench:
             own = getattr(getattr(controller, "controller", controller), "reference", None)
             self.given = as_control(controller, envelope.vehicle, envelope.reference or own or self.reference)
             if not self.given.design_numbers():
-                raise InputError(f"controller: {self.given.label} has no named parameters; give one that has some")
+                raise InputError(f"controller: {self.given.label} has no named parameters; give another controller")
         _ = self.reference
 
     @cached_property
@@ -78,7 +78,7 @@ class Workbench:
         return first.with_design_numbers(values, **({"reference": slips} if first.follows_reference else {}))
 
     def with_ratio_of(self, control: Controller) -> dict[str, Controller]:
-        """Return `kinds` with `control`, if linear, as ratio of polynomials under the kind "transfer function"."""
+        """Return `kinds`, with a linear `control` added as ratio of polynomials under the kind "transfer function"."""
         if not isinstance(control, LinearControl) or control.kind == TransferFunction.kind:
             return self.kinds
         return {**self.kinds, TransferFunction.kind: begun(TransferFunction, control, self.reference)}

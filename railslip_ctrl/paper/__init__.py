@@ -1,4 +1,4 @@
-"""Comparison with [Park2008]: its tables, the interpretation of its units that reproduces them, its errata.
+"""Comparison with [Park2008]: its tables, the interpretation of its units that reproduces Table 5, its errata.
 
 Imports `verification`, `simulation`, `design`, `sliding`, `model` and `core`. Begin with `tables.table5`.
 

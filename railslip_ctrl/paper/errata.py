@@ -215,7 +215,7 @@ def _positive_first(fraction: sp.Expr) -> sp.Expr:
 
 
 def adhesion_torque() -> sp.Expr:
-    """Adhesion torque (25): Ta in omega', omega and Tb, from (3) without the unmeasured torques (Td = Tr = 0)."""
+    """Adhesion torque Ta (25) from omega', omega and Tb, by (3) without the unmeasured torques (Td = Tr = 0)."""
     return sp.expand(sp.solve(plant.WHEEL.subs({plant.Td: 0, plant.Tr: 0}), plant.Ta)[0])
 
 
@@ -279,7 +279,7 @@ def _named(expression: sp.Expr, derivation: Derivation) -> sp.Expr:
 
 
 def _random_force(derivation: Derivation) -> Erratum:
-    """Erratum of Fr as a random force: it enters the plant once, through Tr, but (35) twice."""
+    """Erratum of Fr as a random force: the force enters the plant once, through Tr, but enters (35) twice."""
     force = sp.Symbol("F_random", real=True)
     twice = printed.s_rate.subs({plant.Fr: force, plant.Tr: plant.r * force})
     once = derivation.s_rate.subs({plant.Fr: 0, plant.Tr: plant.r * force})

@@ -1,4 +1,4 @@
-"""The interpretation of [Park2008] that reproduces Table 5: its rules, alternatives, and the effect of each."""
+"""Interpretation of [Park2008] that reproduces Table 5: its rules, alternatives to the rules, and their effect."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class _HalvedCurve(Curve):
 
 
 class _LoadedWetCurve(Curve):
-    """Curve whose wheel load grows with the mass when the rail turns wet: alpha grows and beta falls with it."""
+    """Curve whose wheel load grows with the mass when the rail turns wet: alpha grows and beta falls with the load."""
 
     __module__ = Curve.__module__  # uses the generated code of the curve, as the equations are the same
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha": _LOAD_RATIO, "beta": 2.0 / _LOAD_RATIO})
@@ -128,12 +128,12 @@ def _part(name: str, **changes: Any) -> Change:
 
 
 def _wet_by(law: type[Curve]) -> Change:
-    """Return the change that replaces the curve by one with another effect of a wet rail."""
+    """Return the change that replaces the curve by a curve with another effect of a wet rail."""
     return lambda setup: _scenario(adhesion=law(**dict(setup.scenario.adhesion)))(setup)
 
 
 def _plant(columns: Sequence[Column] = COLUMNS, **changes: Any) -> Change:
-    """Change the adhesion law of the published scenario, and of an ASMC that uses it, or the inertia scale."""
+    """Return the change that sets arguments of `published_scenario`, for gains of these `columns` of Table 4."""
     return lambda setup: replace(setup, scenario=published_scenario(**changes)) if setup.case.gains in columns else None
 
 
@@ -243,8 +243,8 @@ class SensitivityRow:
 
     - results: one result for each of the four columns of Table 5; the reading's result if a column is not affected.
     - rms_deviation_percent: rms deviation from Table 5 over all sixteen numbers, %; NaN if a run did not stop.
-    - largest_change_percent, largest_change_of: largest change against the reading, %, and the number that changes,
-      among the affected columns whose runs all stopped; NaN and "" if there is none.
+    - largest_change_percent, largest_change_of: largest change against the reading, %, and the name of the number that
+      changes, among the affected columns whose runs all stopped; NaN and "" without such a column.
     """
 
     alternative: Alternative

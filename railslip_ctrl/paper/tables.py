@@ -1,7 +1,7 @@
 """Tables 3 and 5 and the adhesion curves of [Park2008], compared with computed results.
 
-The columns of Table 5 are many seeded runs, on all cores. Of Table 3 only the arithmetic of the printed numbers can be
-checked. The curves are those of Figs. 13 to 15 and 17.
+Each column of Table 5 is the mean of many seeded runs, on all cores. For Table 3 only the arithmetic of the printed
+numbers can be checked. The curves are those of Figs. 13 to 15 and 17.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from .printed import TABLE5
 QUANTITIES = ("braking_time_s", "braking_distance_m", "brake_energy_published_reading", "mean_abs_slip_error")
 """Quantities of Table 5, by their names in the comparison."""
 
-MOST_SEEDS = 100_000  #: most runs of a column
+MOST_SEEDS = 100_000  #: largest number of runs of a column
 
 Progress = Callable[[str], None]
 
@@ -128,7 +128,8 @@ def checked_seeds(seeds: int) -> int:
 def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None = None) -> tuple[CaseResult, ...]:
     """Run each setup with seeds 0, 1, ... on all cores; a setup without random force runs once.
 
-    All setups use the same seeds, so that differences between setups are not noise. `progress` is called after each.
+    All setups use the same seeds, so that differences between setups are not noise. `progress` is called after each
+    setup.
     """
     results = []
     with ThreadPoolExecutor(cpu_count()) as pool:  # threads suffice, as a run releases the interpreter's lock
@@ -157,7 +158,7 @@ def published_runs(*, seed: int = 0) -> dict[str, Run]:
 TOLERANCE_PERCENT = 4.0
 """Largest accepted deviation, %: single runs scatter by up to 5 % in slip error, and the paper reports one run."""
 
-DEFAULT_SEEDS = 256  #: runs of each column
+DEFAULT_SEEDS = 256  #: number of runs of each column
 
 
 @dataclass(frozen=True)
@@ -296,7 +297,7 @@ SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: initial braking speeds of the rig te
 
 LAWS = ("beam", "curve", "bristle")  #: laws drawn: beam model; bristle model along a slip ramp, and in steady state
 
-_POINTS = 801  # of a curve
+_POINTS = 801  # number of points of a curve
 
 
 @dataclass(frozen=True)
@@ -369,7 +370,7 @@ SLOW = 3.0
 
 LATE_SHARE = 0.5  #: locking counts as late within this last share of the braking time
 
-_SEED = 0  # of the runs with noise
+_SEED = 0  # seed of the runs with noise
 
 
 @dataclass(frozen=True)

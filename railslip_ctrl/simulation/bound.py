@@ -125,7 +125,7 @@ def _available_torque(scenario: Scenario) -> Callable[[float], float]:
 
 # --- with the time that slip takes to build up ----------------------------------------------------------------------
 
-_SWITCHES = 9  # number of times, at equal distances, that are tried first for the end of the full torque
+_SWITCHES = 9  # number of equally spaced times that are tried first for the end of the full torque
 _MOST_SLIP = 0.4  # largest slip ratio up to which full torque is tried; the shortest stops need less
 _SAMPLES = 100  # number of times at which the command that holds the slip is compared with its limits
 _SLACK = 0.02  # excess of this command over its limits that is accepted as numerical error, relative to `torque_max`
@@ -135,9 +135,9 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
     """Search for the shortest stop, without noise, of a controller that knows rail and vehicle.
 
     The controller commands the largest torque, then no torque until the slip stops rising. Then it holds this slip
-    ratio, or lets it decay to a smaller one. The search finds switching time, final slip and decay time. The stop
-    includes the dynamics of adhesion and wheel, which `clairvoyant_stop` neglects: the shortest possible stop is
-    between these two. Time and distance are infinite if no stop is found.
+    ratio, or lets it decay to a smaller value. The search finds switching time, final slip and decay time. The stop
+    includes the dynamics of adhesion and wheel, which `clairvoyant_stop` neglects: the shortest possible distance is
+    between those of the two functions. Time and distance are infinite if no stop is found.
 
     InputError for a scenario without a largest torque, or with a rate limit or events.
     """
@@ -197,8 +197,8 @@ class _Path:
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
         """Return the stop with full torque until time `switch`, s, and a slip ratio that then decays.
 
-        The slip ratio decays to `share` (ratio) times its value, with the decay time `time`, s. Time and distance are
-        infinite if the slip does not stop rising, or if the command exceeds the limits of the brake.
+        The slip ratio decays to `share` (ratio) times its first value, with the decay time `time`, s. Time and distance
+        are infinite if the slip does not stop rising, or if the command exceeds the limits of the brake.
         """
         try:
             return self._stop(switch, share, time)
@@ -320,9 +320,9 @@ class ControllerRow:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """Comparison of controllers in a scenario: a row for each in `rows`, over all `seeds`, and the `bound` of the stop.
+    """Comparison of controllers in a scenario over all `seeds`: `rows` has one row for each controller.
 
-    The bound is that of `clairvoyant_stop`.
+    The `bound` of braking time and distance is that of `clairvoyant_stop`.
     """
 
     scenario: Scenario

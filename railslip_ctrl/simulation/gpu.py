@@ -138,7 +138,7 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
 
 
 def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
-    """Return the arguments of `every_stop` up to `x`; an event that never happens is added as the last one."""
+    """Return the arguments of `every_stop` up to `x`; an event that never happens is added as last event."""
     plan, force, noise = simulator.plan, simulator.scenario.disturbances, simulator.scenario.measurement
     hold = force.random_hold if force.random_force > 0 else 0.0
     padded = (np.concatenate([one, np.full((1, *one.shape[1:]), end)]) for one, end in zip(

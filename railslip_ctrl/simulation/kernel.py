@@ -382,7 +382,7 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
     tiny = 1e-9 * a.period
     summary[:] = 0.0
     summary[FIRST_LOCK], summary[STARTING_ENERGY] = math.nan, energy(y, p)
-    # False; a constant would make Numba compile the following code twice, for a constant and for a variable
+    # False at first; the constant False would make Numba compile the loop twice, for a constant and for a variable
     locked = math.isfinite(summary[FIRST_LOCK])
     rows, t, torque, status = 0, 0.0, y[TORQUE], OUT_OF_TIME
     for sample in range(math.ceil(a.longest_time / a.period - 1e-9)):

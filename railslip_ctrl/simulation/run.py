@@ -131,7 +131,7 @@ class Noise(NamedTuple):
 
 
 Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
-"""Source of random force and sensor noise: a seed, the random numbers themselves (`Noise`), or None for neither."""
+"""Source of random force and sensor noise: a seed, the random numbers (`Noise`), or None for no force and no noise."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Run:
     - braking_time, braking_distance, final_speed: values at the end of the run, s, m, m/s.
     - energies: energy balance.
     - mean_abs_slip_error: mean over time of |slip - reference|, slip ratio; NaN for a controller without a reference.
-    - mean_abs_slip_error_published: the same for the reference slip ratio of [Park2008], 0.132 dry, 0.092 wet; NaN
+    - mean_abs_slip_error_published: this mean for the reference slip ratio of [Park2008], 0.132 dry, 0.092 wet; NaN
       unless the scenario is the published one and the controller has a reference.
     - max_slip: highest slip ratio; locked_fraction: share of time with r omega < 0.02 v.
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
@@ -208,7 +208,7 @@ class Run:
 
     @property
     def reached(self) -> bool:
-        """True if the slip reached 0.95 times the smallest reference on the run's rails, or if it has no reference."""
+        """True if the slip reached 0.95 times the smallest reference of the run, or if the controller has none."""
         return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
@@ -306,7 +306,7 @@ class Simulator:
         return self.result(seed, status, y, summary, log[:written] if every else None)
 
     def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
-        """Return random forces, N, measurement noise (samples, 2), and the time for which a force acts, s (0: none)."""
+        """Return random forces, N, measurement noise (samples, 2), and the time for which a force acts, s, or 0."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
         spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:

@@ -70,8 +70,9 @@ class Measurement(Record):
     """Measurement of train speed and wheel speed: scale, noise, quantisation, encoder, low-pass filter.
 
     The wheel encoder is read at each sample. The measured speed is the angle between the last teeth of two readings
-    over the time between these teeth. It is therefore a mean over this time, delayed by half of it. If no tooth passes
-    between two readings, the measured speed is at most that of a tooth that would pass at the second reading.
+    over the time between these teeth. The measured speed is therefore a mean over this time, with half this time as
+    delay. If no tooth passes between two readings, the measured speed is at most that of a tooth that would pass at the
+    second reading.
     """
 
     speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)
@@ -216,8 +217,8 @@ class Scenario(Record):
     def for_vehicle(self, vehicle: Vehicle) -> Self:
         """Return a copy of the scenario for another vehicle.
 
-        A published law and the random force are adapted to its wheel load; the mass of an event becomes its loaded
-        mass.
+        A published law and the random force are adapted to the vehicle's wheel load; the mass of an event becomes the
+        vehicle's loaded mass.
         """
         events = tuple(
             event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event

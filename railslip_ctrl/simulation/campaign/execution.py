@@ -1,7 +1,7 @@
 """Execution of a campaign, in processes of this machine or on a Dask cluster, and replay of single runs.
 
-A new campaign is divided into parts. Its folder has a manifest and a Parquet file for each finished part. A resumed
-campaign runs the missing parts.
+A new campaign is divided into parts. The folder of the campaign has a manifest and a Parquet file for each finished
+part. A resumed campaign runs the missing parts.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ class Store:
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
-                f"{where}: has the results of another campaign; choose another folder, or give the campaign of this one"
+                f"{where}: has the results of another campaign; choose another folder, or give that other campaign"
             )
         return cls(campaign, folder, size)
 
@@ -218,7 +218,7 @@ class Store:
         the folder, or if the folder is not writable.
         """
         with claimed(self.folder):
-            # opened again, because another process may have begun it meanwhile
+            # opened again, because another process may have begun the campaign meanwhile
             store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)
             try:
                 store._begin()
@@ -353,7 +353,8 @@ def execute(
     - `scheduler`: address of a Dask scheduler (``tcp://host:8786``), whose workers then run the campaign. The workers
       need the same version of this package, but no common file system.
     - `part_runs`: number of runs in a part; the default depends on the number of runs.
-    - `progress`: function that is called with the number of runs already stored, then of each newly finished part.
+    - `progress`: function that is called with the number of runs already stored, then with the number of runs of each
+      newly finished part.
 
     InputError if the folder has other files, is not writable or is in use; if a worker process ends unexpectedly; or if
     the cluster cannot be reached or has another version of this package.
@@ -419,7 +420,7 @@ def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
 @contextmanager
 def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
     """Start worker processes; threads would wait for Python's lock, which a run holds for a third of its time."""
-    cache_folder()  # made before the workers start, so that they share a temporary one
+    cache_folder()  # created before the workers start, so that they share a temporary folder
     try:
         with processes(count) as submit:
             for _ in range(count):
@@ -445,7 +446,7 @@ def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
         client = Client(scheduler, timeout=_REACH, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or f"no answer within {_REACH:g} s"
-        raise InputError(f"scheduler: {scheduler!r} cannot be reached ({reason}); give its address") from None
+        raise InputError(f"scheduler: {scheduler!r} cannot be reached ({reason}); give another address") from None
     try:
         with client:
             sent = client.scatter(shared, broadcast=True, hash=False)

@@ -37,7 +37,8 @@ EBCL = range(10)  #: confidence levels of the emergency brake deceleration of ET
 FORCE, SENSORS = "random force", "sensor noise"
 
 _REMEMBERED = 2.0
-_MOST_APART, _MOST_VARIATION, _LEAST_ACCEPTED, _MOST_REPEATED = 0.1, 0.3, 0.05, 0.05  # limits of the warnings
+# limits of the warnings: share of pairs apart, coefficient of variation, share of accepted moves, share of equal values
+_MOST_APART, _MOST_VARIATION, _LEAST_ACCEPTED, _MOST_REPEATED = 0.1, 0.3, 0.05, 0.05
 _DISAGREE = 3.5  # standard errors between the two methods; with 8 repeats 1 of 100 differences is larger by chance
 _SHOWN = 8  # number of failing stops among which the stop with the least noise is chosen
 _STREAM = 2**32 - 2  # child of the campaign's seed; no run has this number
@@ -94,7 +95,7 @@ class Event(NamedTuple):
 
 
 class Stops:
-    """Limit state of a campaign's stops: a function from inputs to the measure of the stop, +inf without a measure.
+    """Limit state of a campaign's stops: function from inputs to the measure of the stop, +inf for a stop without one.
 
     `groups`: indices of the inputs of each quantity, of the random force and of the sensor noise. `counts`: number of
     stops, and number of stops whose values are not allowed or that ended early. InputError for a campaign with several
@@ -108,7 +109,7 @@ class Stops:
         for quantity in campaign.quantities:
             if isinstance(quantity.distribution, Grid):
                 raise InputError(
-                    f"quantity: {quantity.name!r} is a grid without probabilities; give the distribution choice"
+                    f"quantity: {quantity.name!r} is a grid, which has no probabilities; give the distribution 'choice'"
                 )
         simulator = Simulator(campaign.scenario, campaign.controllers[0])
         self.nominal = simulator.run(None)
@@ -121,7 +122,9 @@ class Stops:
         self.groups = {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends, strict=True) if n}
         self.inputs = ends[-1] + 1
         if not self.groups:
-            raise InputError("quantity: no input is random; give a quantity, a random force or sensor noise")
+            raise InputError(
+                "campaign: nothing is random; give a quantity with a distribution, a random force or sensor noise"
+            )
 
     def drawn(self, point: Floats) -> tuple[dict[str, float], Noise]:
         """Return the value of each quantity by name, and the noise, at a `point`: values of all inputs, (inputs,)."""
@@ -268,7 +271,7 @@ def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: st
 
 
 class _Study:
-    """Study of an event in a campaign's stops; with a folder, finished tasks are kept in it and not repeated."""
+    """Study of an event in a campaign's stops; a folder keeps finished tasks, which are then not repeated."""
 
     def __init__(self, campaign: Campaign, event: Event, points: int, repeats: int) -> None:
         number("points", points, ge=100)
@@ -308,7 +311,7 @@ class _Study:
         return found
 
     def tail(self) -> Tail:
-        """Return the tail over the values of all levels."""
+        """Return the probability as a function of the measure, over the values of all levels."""
         rows = np.concatenate([one.values for one in self.repeats], axis=1)
         finite = [row[np.isfinite(row)] for row in rows]
         if not any(row.size for row in finite):
@@ -390,21 +393,27 @@ def rare_event(
             between = subset.apart(stops, kept, threshold, stream(campaign.seed, _STREAM, len(_KINDS)))
             if between > _MOST_APART:
                 warnings.append(
-                    f"the event may have several regions: between {100 * between:.0f} % of the pairs of its stops are "
-                    "stops without the event; regions that no repeat has found are missing in the probability"
+                    f"the event may have several regions: {100 * between:.0f} % of the pairs of stops with the event "
+                    "have a stop without it between them; the probability lacks the regions that no repeat has found"
                 )
             values = np.array([one.value for one in study.done("importance", repeats, centre, points)])
             importance = subset.pooled(values)
             off = abs(math.log(max(importance.value, 1e-300) / by_subset.value))
             if off > _DISAGREE * math.hypot(by_subset.variation, importance.variation):
-                warnings.append(f"the methods disagree: importance sampling gives {importance.value:.3g}")
+                warnings.append(
+                    f"the methods disagree: importance sampling gives {importance.value:.3g}, subset simulation "
+                    f"{by_subset.value:.3g}"
+                )
             with suppress(InputError):  # its values are not allowed; `study.warnings` reports such stops
                 run = stops.run(centre, record_every=1)
                 stop = FailingStop(float(np.linalg.norm(centre)), *stops.drawn(centre), run)
         better = importance is not None and importance.variation < by_subset.variation and not warnings
         probability = importance if importance is not None and better else by_subset
         if probability.variation > _MOST_VARIATION:
-            warnings.append(f"the coefficient of variation is {100 * probability.variation:.0f} %; give more points")
+            warnings.append(
+                f"the coefficient of variation is {100 * probability.variation:.0f} %, more than "
+                f"{100 * _MOST_VARIATION:g} %; give more points"
+            )
     return RareEvent(
         campaign=campaign,
         event=study.event,
@@ -441,7 +450,7 @@ def confidence_levels(
     study = _Study(campaign, Event("deceleration", math.inf), points, repeats)
     nominal = _deceleration(study.stops.nominal)
     if nominal <= 0.0:
-        raise InputError("scenario: the nominal run does not stop; give a controller that stops it")
+        raise InputError("scenario: the nominal run does not stop; give a controller that stops the train")
     with study.at_work(folder, workers, scheduler, progress):
         tail, warnings = study.tail(), study.warnings()
     ratio, plain = -tail.x / nominal, tail.plain / [-nominal, 1.0, 1.0, 1.0]

@@ -35,8 +35,8 @@ from railslip_ctrl.simulation.scenario import Scenario, load_scenario
 
 T = TypeVar("T")
 
-MOST_RUNS = 10**9
-LARGEST_SEED = 2**63 - 1
+MOST_RUNS = 10**9  #: largest number of runs of a campaign
+LARGEST_SEED = 2**63 - 1  #: largest seed of a campaign
 CUT = 4.0
 """Standard deviations from the mean at which a normal distribution is cut off by default; all values are then finite.
 """
@@ -208,7 +208,7 @@ class _Listed(Distribution):
 
 @dataclass(frozen=True)
 class Choice(_Listed):
-    """One of the `values`, SI, with equal probabilities or with `weights`, a ratio > 0 for each; InputError if not."""
+    """One of the `values`, SI, with equal probabilities or `weights` (ratios); InputError for a weight <= 0."""
 
     weights: tuple[float, ...] | None = None
 
@@ -299,9 +299,9 @@ def described(value: Any) -> Any:
 class Quantity:
     """A quantity that varies from run to run: its `distribution`, SI, and the `paths` of the numbers that it sets.
 
-    A path is the path of a number of the scenario ("vehicle.mass"). If the scenario has no such number, it is a number
-    of every controller that has it ("kp"). With the name of a controller in front, it is a number of this controller
-    only ("pi.kp"). If `relative` is True, the value is a factor on the numbers of the scenario or the controllers.
+    A path names a number of the scenario ("vehicle.mass"). A path that the scenario does not have names a number of
+    every controller that has this path ("kp"). With the name of a controller in front, it names a number of this
+    controller only ("pi.kp"). If `relative` is True, the value is a factor on the numbers that the paths name.
     """
 
     paths: tuple[str, ...]
@@ -466,7 +466,7 @@ class Campaign:
                 scale = self._numbers[owner][path].value if quantity.relative else 1.0
                 if scale is None:
                     raise InputError(
-                        f"quantity: {path!r} has no value that a factor could change; give values, not factors"
+                        f"quantity: {path!r} has no value to multiply by a factor; give values instead of factors"
                     )
                 taken.add((owner, path))
                 all_targets[-1].append((owner, path, scale))
@@ -507,7 +507,7 @@ class Campaign:
             )
 
     def _check_ends(self) -> None:
-        """Raise InputError if the smallest or largest value of a quantity, the others at medians, is not allowed."""
+        """Raise InputError for an extreme value of a quantity that is not allowed, with the others at their medians."""
         middle = [distribution.at(0.5) for distribution in self._distributions]
         for k, distribution in enumerate(self._distributions):
             for end in distribution.ends:
@@ -634,7 +634,7 @@ def _quantity(keys: QuantityKeys, nominal: Campaign) -> Quantity:
     paths = (keys.path,) if isinstance(keys.path, str) else tuple(keys.path)
     units = {nominal.number_at(path).unit for path in paths}
     if len(units) > 1 and not keys.relative:
-        raise InputError(f"path: {', '.join(paths)} have different units; give a table for each, or relative = true")
+        raise InputError(f"path: {', '.join(paths)} have different units; give one table for each, or relative = true")
     unit = "1" if keys.relative else units.pop()
     return Quantity(paths, _distribution(keys, unit), keys.relative)
 

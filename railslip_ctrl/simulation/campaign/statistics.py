@@ -132,7 +132,7 @@ class Histogram(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasureSummary:
-    """Statistics of a measure over the stopped runs, without the `excluded` ones, which have no finite value."""
+    """Statistics of a measure over the stopped runs; `excluded` is the number of those without a finite value."""
 
     moments: Moments
     excluded: int

@@ -1,8 +1,8 @@
 """Probability of a rare event of standard normal inputs, by subset simulation and by importance sampling.
 
-Subset simulation reaches the event in levels, each about a tenth as likely as the one before ([Au2001]). Chains of
+Subset simulation reaches the event in levels, each about a tenth as likely as the level before ([Au2001]). Chains of
 adaptive conditional sampling fill a level from the points beyond its threshold ([Papaioannou2015]). A pilot run chooses
-thresholds and steps; the repeats keep them fixed, so that each repeat is an unbiased estimate.
+thresholds and steps. All repeats use these, so that each repeat is an unbiased estimate.
 
 A limit state maps points, (n, inputs), to values, (n,), which may be infinite. The event is a value above the
 `threshold`.
@@ -26,7 +26,7 @@ LimitState = Callable[[Floats], Floats]
 _SHARE = 0.1  # share of the points beyond the next threshold
 _ACCEPTED = 0.35  # share of accepted moves; with the 0.44 of [Papaioannou2015] the variation is a fifth larger
 _KEPT = 20  # number of points of the event that a repeat returns
-_PAIRS = 40  # number of pairs of these points for the check of the points between them
+_PAIRS = 40  # number of pairs of these points for which the point in the middle is checked
 _FARTHEST = 1.5  # end of the search for the event's boundary, relative to a point of the event
 
 
@@ -87,7 +87,7 @@ def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smal
         if len(places) == 1:
             break
         shares = np.cumsum(counts[::-1])[::-1] / count
-        k = 1 + int(np.argmin(np.abs(np.log(shares[1:] / _SHARE))))  # a discrete outcome has few shares: the nearest
+        k = 1 + int(np.argmin(np.abs(np.log(shares[1:] / _SHARE))))  # nearest share: a discrete outcome has few
         points, values, _, step = _beyond(limit_state, points, values, places[k], step, rng, adapt=True)
         reached *= float(shares[k])
         thresholds.append(float(places[k]))
@@ -163,7 +163,7 @@ def pooled(estimates: Floats) -> Pooled:
 
 
 def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
-    """Return the mean of the repeats' `means`, and each group's share of its squared length.
+    """Return the mean of the repeats' `means`, and the share of each group of inputs in its squared length.
 
     A group of inputs is scaled down if the repeats disagree. The squared lengths are products of different repeats, so
     that chance does not increase them.
@@ -178,7 +178,7 @@ def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
 
 
 def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
-    """Return the first event point on the way from the origin to a candidate; without one, the last candidate."""
+    """Return the first point with the event on the line from 0 through a candidate; if none, the last candidate."""
     for way in candidates:
         low, high = 0.0, _FARTHEST
         for count in (30, 20):  # resolves 1/400 of the distance
@@ -200,7 +200,7 @@ def importance(limit_state: LimitState, inputs: int, rng: Any, threshold: float,
 
 
 def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -> float:
-    """Return the share of pairs of event points with a non-event point between them; 0 if the event is convex."""
+    """Return the share of pairs of points with the event that have a point without it in the middle."""
     first, second = points[rng.integers(len(points), size=(2, _PAIRS))]
     middle, length = first + second, 0.5 * np.linalg.norm([first, second], axis=2).sum(axis=0)
     middle *= (length / np.maximum(np.linalg.norm(middle, axis=1), 1e-300))[:, None]
