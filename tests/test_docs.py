@@ -33,6 +33,7 @@ from railslip_ctrl.design.catalogue import margins_over_points, published_contro
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam
 from railslip_ctrl.model.adhesion.beam import integrated_force
+from railslip_ctrl.report import candidates
 from railslip_ctrl.simulation.embedded import save_c
 
 DOCS = ROOT / "docs"
@@ -147,6 +148,10 @@ def test_what_pages_type_of_the_designs_is_what_the_package_has(file):
     for name in ("system", "torque_min", "torque_max"):
         assert getattr(typed, name) == getattr(design, name)
     assert typed.initial_torque == pytest.approx(design.initial_torque, abs=5.0)  # given in kN*m with two decimals
+    criterion = TEXTS[DOCS / "howto" / "report.md"]
+    limits = (f"at most {candidates.NEARLY_UNSTABLE:g}:", f"less than {100 * candidates.TIE:g} %,")
+    assert all(one in criterion for one in (*limits, "three reductions"))
+    assert len(candidates.FASTER) == 3
 
 
 def test_the_gallery_knows_the_arguments_of_every_script(tmp_path):
