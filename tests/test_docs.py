@@ -33,6 +33,7 @@ from railslip_ctrl.design.catalogue import margins_over_points, published_contro
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam
 from railslip_ctrl.model.adhesion.beam import integrated_force
+from railslip_ctrl.report import candidates
 from railslip_ctrl.simulation.embedded import save_c
 
 DOCS = ROOT / "docs"
@@ -136,17 +137,16 @@ def test_the_programs_of_the_c_pages_brake(file, tmp_path, monkeypatch, railslip
     assert np.unique(numbers["./law"][:, 0]).size > 100  # within the limits, not at them
 
 
-def test_what_pages_type_of_the_designs_is_what_the_package_has(file):
+def test_what_pages_type_of_the_designs_is_what_the_package_has():
     shown = dict(re.findall(r"\.(\w+) = ([\d.]+)", C_PAGES.partition("{file} law_main.c")[2].partition("};")[0]))
     law, car = published_controller("asmc", "bristle"), PARK2008
     published = {"rho": law.rho, "D": law.D, "K": law.K, "lambda_d": law.reference.dry}
     published |= {"J": car.wheel.inertia, "r": car.wheel.radius, "Mn": car.mass, "Bn": car.wheel.viscous_friction}
     assert {name: float(shown[name]) for name in published} == pytest.approx(published, rel=1e-12)  # 1.53 times 3.6
-    (text,) = (one.text for one in pages.blocks(TEXTS[DOCS / "howto" / "scenario.md"]) if one.name == "gains.toml")
-    typed, design = load_controller(file("gains.toml", text)), recommended_pi_lead(car)
-    for name in ("system", "torque_min", "torque_max"):
-        assert getattr(typed, name) == getattr(design, name)
-    assert typed.initial_torque == pytest.approx(design.initial_torque, abs=5.0)  # given in kN*m with two decimals
+    criterion = TEXTS[DOCS / "howto" / "report.md"]
+    limits = (f"at most {candidates.NEARLY_UNSTABLE:g}:", f"less than {100 * candidates.TIE:g} %,")
+    assert all(one in criterion for one in (*limits, "three reductions"))
+    assert len(candidates.FASTER) == 3
 
 
 def test_the_gallery_knows_the_arguments_of_every_script(tmp_path):
