@@ -393,9 +393,9 @@ def sliding_torque(x: Any, p: Any, reference: float) -> Any:
 def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
     """Limit the torque below the hand-over speed to a share of the mean holding torque.
 
-    The share falls with the square of the decrease of speed since the hand-over. Once the slip is below the reference,
-    the share is commanded without feedback. Before that, a runaway slip halves the torque. If the wheel locks, the
-    torque is 0. After a runaway slip or a lock, the mean holding torque is reduced by 20 %.
+    The share falls with the fourth power of the decrease of speed since the hand-over. Once the slip is below the
+    reference, the share is commanded without feedback. Before that, a runaway slip halves the torque. If the wheel
+    locks, the torque is 0. After a runaway slip or a lock, the mean holding torque is reduced by 20 %.
     """
     if v >= p.hand_over_speed:
         x.mean_holding += p.period / MEAN_TIME * (x.holding_torque - x.mean_holding)
@@ -407,7 +407,7 @@ def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
         x.mean_holding *= _AFTERWARDS if x.handed_over < 0.0 else 1.0
         x.handed_over = 1.0
     slow = min((p.hand_over_speed - v) / (p.hand_over_speed - p.last_speed), 1.0)
-    held = (p.hand_over_share - (p.hand_over_share - p.last_share) * slow**2) * x.mean_holding
+    held = (p.hand_over_share - (p.hand_over_share - p.last_share) * slow**4) * x.mean_holding
     if slip > _LOCKED:
         return 0.0
     if x.handed_over > 0.0:

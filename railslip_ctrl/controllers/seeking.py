@@ -36,8 +36,7 @@ from .predictive import (
 )
 
 # approach
-LEAD = 0.2  # slip ratio that the torque above the holding torque adds in a reaction time
-LEAST_LEAD = 0.3  # share of LEAD that remains when adhesion no longer rises with slip
+LEAD = 0.16  # slip ratio that the torque above the holding torque adds in a reaction time
 WEAKEST = 0.045  # adhesion coefficient that every rail has: the torque of the first moment is safe on it
 AHEAD = 1.5  # largest ratio of the predicted slip, where E is evaluated, to the present slip: beyond, the fit guesses
 # fitted curve
@@ -51,6 +50,7 @@ SHORT = 0.8  # share of a slip that counts as just below it
 LESS = 0.9  # share of the highest adhesion that shows that its slip has been passed, and that is held after a return
 TWICE = 2.0  # ratio to the slip of the peak that counts as far past it; reaction times of the wait after a return
 SLOWLY = 8.0  # reaction times in which the remembered adhesion fades; two returns within them show swinging adhesion
+MORE = 1.2  # ratio of what the limits after a return rise to, to what is remembered of the peak
 RISEN = 1.08  # ratio of adhesion to what it was before that shows a better rail
 # not tuned: the plant's random force, the free wheel, the judged slip and the hand-over
 _NOISE, _NOISE_HOLD = RANDOM_FORCE / RIG_WHEEL_LOAD, 0.02  # standard deviation of the adhesion coefficient; its hold, s
@@ -219,9 +219,8 @@ def remember(x: Any, p: Any, v: float) -> Any:
         x.top_torque, x.top_slip = x.remembered_torque, x.remembered_slip
     elif idle and x.remembered_slip < TWICE * x.top_slip:
         x.top_torque += slow * (x.remembered_torque - x.top_torque)
-    low = 1.0 - max(x.remembered_slip, 0.0) / (SHORT * x.reference_slip + 1e-9)
-    if idle and low > 0.0 and x.reference_slip * v > TWICE * noise:
-        x.torque_limit *= 1.0 + slow * low
+    if idle and x.torque_limit > 0.0:
+        lift_limits(x, p, 3.0 * slow)
     known = x.top_torque > WEAKEST * p.wheel_load * p.radius and 0.0 < x.top_slip < NARROW
     fallen = x.adhesion_torque < x.remembered_torque < LESS * x.top_torque
     past = TWICE * x.top_slip * v
@@ -240,6 +239,19 @@ def remember(x: Any, p: Any, v: float) -> Any:
     return noise
 
 
+def lift_limits(x: Any, p: Any, share: float) -> None:
+    """Lift the limits after a return by a share of their distance to just below the peak of the fitted curve.
+
+    They stay below `MORE` times the remembered peak.
+    """
+    if x.curve[0] > 0.0:
+        root = math.sqrt(x.curve[0] * x.curve[2])
+        top = min(p.wheel_load * p.radius / max(x.curve[1] + 2.0 * root, 1e-3), MORE * x.top_torque)
+        x.torque_limit += share * max(LESS * top - x.torque_limit, 0.0)
+        top = min(x.curve[0] / max(root, 1e-9), MORE * x.top_slip)
+        x.slip_limit += share * max(SHORT * top - x.slip_limit, 0.0)
+
+
 def come_back(x: Any, p: Any, noise: float) -> Any:
     """Return the command that brings the slip below the peak in a reaction time, N*m."""
     reaction, goal = p.dead_time + p.observer_time, x.reference_slip * x.speed_ahead
@@ -251,14 +263,33 @@ def come_back(x: Any, p: Any, noise: float) -> Any:
 
 
 def limited(x: Any, p: Any, torque: float, reference: float) -> Any:
-    """Limit the command after a return: a torque below the highest adhesion cannot run past the peak."""
+    """Raise the command while the slip is below the reference, and limit it after a return.
+
+    The sliding-mode law needs seconds to raise the slip on a steep curve. A torque below the highest adhesion cannot
+    run past the peak.
+    """
     x.waiting = max(x.waiting - p.period, 0.0)
+    ratio, slip = p.wheel_inertia / p.radius, x.filtered_sigma / x.filtered_speed
+    highest = max(x.remembered_slip, slip)
+    if x.handed_over == 0.0 and x.waiting <= 0.0 and highest < SHORT * reference and x.curve[0] > 0.0:
+        known = LESS * p.wheel_load * p.radius * reference / denominator(x, reference)
+        lead = 0.5 * lead_torque(x, p, x.speed_ahead, elasticity_at(x, max(slip, 0.0)))
+        torque = max(torque, quickly(x, p, min(known, x.holding_torque + lead) + ratio * x.deceleration))
     if x.torque_limit == 0.0:
         return torque
     held = min(x.torque_limit, LESS * x.top_torque) if x.waiting > 0.0 else x.torque_limit
-    most = quickly(x, p, held + p.wheel_inertia / p.radius * x.deceleration)
-    low = max(x.remembered_slip, x.filtered_sigma / x.filtered_speed) < reference
-    return most if low else min(torque, most)
+    most = quickly(x, p, held + ratio * x.deceleration)
+    return most if highest < reference else min(torque, most)
+
+
+def lead_torque(x: Any, p: Any, v: float, seen: float) -> Any:
+    """Return the torque that raises the slip by `LEAD` in a reaction time, N*m, and less of it where E is small.
+
+    - v: train speed, m/s.
+    - seen: E.
+    """
+    lead = LEAD * v * p.wheel_inertia / p.radius / (p.dead_time + p.observer_time)
+    return lead * min(max((seen - p.elasticity) / 0.5, 0.0), 1.0)
 
 
 def learn(x: Any, p: Any, slip: float) -> None:
@@ -317,7 +348,12 @@ def fit(x: Any, scale: float, prior: float) -> None:
 def elasticity_at(x: Any, slip: float) -> Any:
     """Return E of the fitted curve at a slip ratio, at least -0.7; 1 while nothing is known."""
     a, bend = x.curve[0], x.curve[2] * slip**2
-    return max((a - bend) / (a + x.curve[1] * slip + bend), -0.7) if a > 0.0 else 1.0
+    return max((a - bend) / denominator(x, slip), -0.7) if a > 0.0 else 1.0
+
+
+def denominator(x: Any, slip: float) -> Any:
+    """Return slip/mu of the fitted curve at a slip ratio."""
+    return x.curve[0] + (x.curve[1] + x.curve[2] * slip) * slip
 
 
 def seek(x: Any, p: Any, v: float, reference: float, noise: float) -> None:
@@ -368,17 +404,16 @@ def approach(x: Any, p: Any, v: float, sigma: float) -> Any:
     """
     if x.starting > 1.0 and above_hand_over(x, p, v) >= p.hand_over_speed:
         x.mean_holding += p.period / MEAN_TIME * (x.holding_torque - x.mean_holding)
-    slip = x.filtered_sigma / x.filtered_speed
-    lead = LEAD * v * p.wheel_inertia / p.radius / (p.dead_time + p.observer_time)
+    slip, seen = x.filtered_sigma / x.filtered_speed, 1.0
     if x.reference_slip > 0.0:
         seen = elasticity_at(x, max(min(x.slip_ahead / x.speed_ahead, AHEAD * slip), slip))
-        lead *= min(max((seen - p.elasticity) / 0.5, LEAST_LEAD), 1.0)
         large = sigma + 0.9 * p.dead_time * x.slip_rate > 0.85 * p.largest_slip * v
         if large:
             x.reference_slip = p.largest_slip
         if large or seen < p.elasticity:
             x.starting = 0.0
     x.mean_torque = x.quick_torque = x.adhesion_torque
+    lead = lead_torque(x, p, v, seen)
     return quickly(x, p, max(x.holding_torque + lead, WEAKEST * p.wheel_load * p.radius))
 
 
