@@ -5,7 +5,8 @@ points of all loops at once (`Points`). A bound on the second derivative of ln L
 between two neighbouring points, no phase crossover that limits a margin, and no peak more than 0.1 % above the reported
 peak. Between the lowest and the highest point, root count and gain, phase and delay margins are therefore certain, and
 peaks are accurate to 0.1 %. These two points lie a factor 1e4 beyond every pole, zero and asymptotic crossover of the
-loop. The reported peaks are refined to rounding. The scalar engine computes each loop for which this proof fails.
+loop. The reported peaks are refined to rounding. The scalar engine computes a loop if the proof fails or rounding could
+decide.
 """
 
 from __future__ import annotations
