@@ -67,7 +67,7 @@ class BoundedLoop(Loop):
     def _edges(self) -> Floats:
         """Ends of the first frequency intervals, rad/s, ascending.
 
-        They reach from below all poles, zeros and crossovers up to pi/h of a sampled loop, else to where |L| is small.
+        They begin far below the slowest pole or zero. They end at pi/h of a sampled loop, else where |L| is small.
         """
 
     @abstractmethod
@@ -76,7 +76,7 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _first_phase(self, omega: Floats) -> Floats:
-        """Continuous phase of L, rad, at frequencies below all poles, zeros and crossovers."""
+        """Continuous phase of L, rad, at frequencies far below the slowest pole or zero."""
 
     @abstractmethod
     def _added_delay(self) -> tuple[float, float]:
