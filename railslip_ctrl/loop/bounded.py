@@ -113,7 +113,7 @@ class BoundedLoop(Loop):
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
         """Interval of loop-gain factors that make the loop stable; None if no factor does.
 
-        It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
+        The interval contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
         """
         nodes = self._nodes
         factors = sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes)))
