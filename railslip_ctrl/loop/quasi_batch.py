@@ -131,7 +131,10 @@ def _turn(angle: Floats) -> Complexes:
 
 
 def count_right(function: QuasiPolynomials) -> Floats:
-    """Number of zeros of each function right of the imaginary axis, (n,); NaN if zeros are on the axis."""
+    """Number of zeros of each function right of the imaginary axis, (n,).
+
+    NaN if zeros are on the axis, or too near it for a decision.
+    """
     lead, order = function.terms[0][:, 0], function.terms[0].shape[1] - 1
     sizes = np.zeros((lead.size, order + 1))
     for c in function.terms:
@@ -155,7 +158,7 @@ def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Compl
     """Choose frequencies (nodes) from 0 to `top`, rad/s, close enough to follow the phase of each function.
 
     From each node to the next the phase of F changes by less than 180 deg. Return number of the function, frequency and
-    F of each node, and an array that is True for each function with a zero on the imaginary axis.
+    F of each node, and an array that is True for each function with a zero on the axis, or too near it for a decision.
     """
     slope, edges = function.slope(), top[:, None] * _EDGES
     every = np.arange(top.size)
