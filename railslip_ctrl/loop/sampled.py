@@ -72,7 +72,7 @@ class HeldPlant:
     def flow(self, lengths: Floats) -> Floats:
         """Matrices that advance the plant by each of the times `lengths`, (n,), in sampling periods.
 
-        The shape is (n, order + 1, order + 1). Each matrix multiplies the vector [states; command]; the command is held.
+        The shape is (n, order + 1, order + 1). Each multiplies the vector [states; command]; the command is constant.
         """
         from scipy.linalg import expm
 
