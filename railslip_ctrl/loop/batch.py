@@ -121,8 +121,8 @@ def batch_margins(
 ) -> BatchMargins:
     """Compute all margins of n loops L(s) = gain prod(s - zeros)/prod(s - poles) exp(-dead_time s).
 
-    - zeros, poles: array of complex, shapes (n, mz) and (n, mp), mz < mp; 1/s; complex ones in conjugate pairs. A pole
-      cancelled by a zero still counts for stability.
+    - zeros, poles: array of complex, shapes (n, mz) and (n, mp), mz < mp; 1/s; complex values in conjugate pairs. A
+      pole cancelled by a zero still counts for stability.
     - gain: array (n,); ratio of the leading coefficients.
     - dead_time: array (n,); s, >= 0.
     - gain_margins: true to compute the gain margins; otherwise they and their frequencies are NaN.
@@ -283,7 +283,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
     nearest = np.array(limits)
 
     def may_hide(points: Points, pieces: Points, _: Floats, spans: Spans) -> Indices:
-        """Indices of the intervals that may contain a phase crossover with |L| nearer to 1 than at the known ones."""
+        """Indices of the intervals that may contain an unknown phase crossover that limits the gain margins."""
         first, last = levels(pieces)
         turns, rows = (spans[1] - np.pi) / (2 * np.pi), points.row[:-1]
         hidden = (pieces.row[:-1] == pieces.row[1:]) & ((np.ceil(turns[0]) < first) | (np.floor(turns[1]) > last))
@@ -298,8 +298,8 @@ def _undecided(
     """Divide undecided intervals `_MOST_ROUNDS` times; return True for each loop with an interval still undecided.
 
     - left: indices of the intervals that are undecided at the start.
-    - test: function that returns the indices of the intervals that remain undecided. Its arguments are the two results
-      of `parted` with the points, and the `bends` and `ranges` of the intervals.
+    - test: function that returns the indices of the intervals that remain undecided. Its arguments are the points, the
+      same points numbered by divided interval (see `parted`), and the `bends` and `ranges` of the intervals.
     """
     for _ in range(_MOST_ROUNDS):
         if left.size == 0:
@@ -675,9 +675,9 @@ def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
 def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most: Floats) -> Flags:
     """True for each interval on which |S|, |T| or |S - 1/2| may exceed its limit in `most`, (3, N - 1).
 
-    Two upper bounds are compared with the limit. The first is `boxes`, (3, N - 1). The second is the larger of the
-    `values`, (3, N), at the two ends plus a term with the second derivative. The second derivative of S and of T is, up
-    to sign, S T (l' + l^2 (S - T)) with l = d ln L/d omega; `bend` bounds |l'|.
+    Two upper bounds are compared with the limit. The first is `boxes`, (3, N - 1). The second is a sum: the larger of
+    the two end values (`values`, (3, N)), and a bound on the curvature. The second derivative of S and of T is, up to
+    sign, S T (l' + l^2 (S - T)) with l = d ln L/d omega; `bend` bounds |l'|.
     """
     open_ones = np.any(boxes > most, axis=0)
     at = np.flatnonzero(open_ones)
@@ -697,8 +697,8 @@ def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indic
     - at: indices of the intervals to be divided.
     - parts: number of parts of each of these intervals.
 
-    In the first result `row` is the number of the loop; in the second it is the number of the divided interval. In the
-    second result, therefore, no interval from one point to the next reaches from one divided interval into another.
+    In the first result `row` is the number of the loop; in the second it is the number of the divided interval.
+    Therefore no interval of the second result joins points of two divided intervals.
     """
     piece = np.repeat(np.arange(at.size), parts + 1)
     step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]

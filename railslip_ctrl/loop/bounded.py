@@ -34,10 +34,10 @@ class Expansion(NamedTuple):
     """Linear expansion of ln L about the middles of n frequency intervals, with bounds on the deviation.
 
     - value, slope: array (n,); ln L and its derivative with respect to omega, s, at the middles.
-    - bounds: function of the half widths of the intervals, (n,), rad/s. It returns three arrays (n,): upper bounds on
-      the deviation of ln L from the linear expansion, of ln|L| from its real part, and of ln L on intervals of twice
-      the width. A bound is inf if none exists. The bounds on ln L also hold for complex frequencies in the disk that
-      has the interval as diameter.
+    - bounds: function of the half widths of the intervals, (n,), rad/s. It returns three arrays (n,) of upper bounds on
+      deviations from the linear expansion: that of ln L, that of ln|L|, and that of ln L on intervals of twice the
+      width. A bound is inf if none exists. The bounds on ln L also hold for complex frequencies in the disk that has
+      the interval as diameter.
     """
 
     value: Complexes

@@ -54,8 +54,8 @@ class Certificate:
     double precision.
 
     - stable: true if every closed-loop pole lies left of the imaginary axis.
-    - marginal: true if a closed-loop pole lies on the imaginary axis, or so near that `bits` do not separate it from
-      the axis; false for a loop with infinitely many poles on the axis or right of it.
+    - marginal: true if a closed-loop pole lies on the imaginary axis, or so near that the precision does not show on
+      which side; false for a loop with infinitely many poles on the axis or right of it.
     - unstable_poles: number of closed-loop poles with real part >= 0.
     - gain_crossovers: enclosures of all frequencies with |L| = 1, rad/s.
     - bits: precision of the ball arithmetic; the relative width of a ball is 2^-bits.
@@ -197,7 +197,10 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
 
 
 def _first_odd(near: _End, far: _End) -> int | None:
-    """Odd value that arg L/pi takes first on the way from `near` to `far`, without the ends; None if it takes none."""
+    """First odd integer that arg L/pi takes between `near` and `far`, counted from `near`; None if it takes none.
+
+    The values at the ends do not count.
+    """
     if near.half_turns is None:
         return None  # phase crossovers accumulate at infinity; the limit of |L| there is a gain limit of its own
     rising = far.half_turns is not None and float(far.half_turns.mid()) > float(near.half_turns.mid())
@@ -289,8 +292,8 @@ class _Cover:
     def _fraction_at(self, omega: float) -> tuple[arb, arb]:
         """Limit of L at frequency 0 or infinity as numerator and denominator.
 
-        With dead time L has no limit at infinity, because its phase takes every value; the result is the worst one,
-        -|G(inf)|.
+        With dead time L has no limit at infinity, because its phase takes every value. The result is then -|G(inf)|,
+        the value nearest to -1.
         """
         if omega == 0:
             return arb(self._response.exact.numerator[0]), arb(self._response.exact.denominator[0])
@@ -400,7 +403,7 @@ def _between(low: _End, high: _End) -> arb:
 # -- loops with internal delays: mean-value bounds on frequency intervals -------------------------------------------
 
 Terms = Sequence[tuple[float, Iterable[float]]]
-"""Sum of polynomials times exp(-delay s): delays, s, and coefficients in descending powers of s."""
+"""Terms of a sum of polynomials times exp(-delay s): pairs of delay, s, and coefficients in descending powers of s."""
 
 # First division: number of parts with equal ratio of their ends, and lowest end as a fraction of the highest frequency
 _FIRST_PARTS, _LOWEST = 64, 1e-6
@@ -572,7 +575,7 @@ class _Delayed:
         return int(count), parts
 
     def _end(self) -> arb:
-        """A frequency, rad/s, beyond which the highest power of s in D is so large that all statements are proved."""
+        """A frequency, rad/s, beyond which the highest power of s in D alone proves `certify_delayed`'s statements."""
         end = arb(1)
         while True:
             lead = abs(self._lead) * end ** (self._order + self._den.removed)

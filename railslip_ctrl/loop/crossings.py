@@ -475,10 +475,10 @@ class Response:
         return zeros.count(0) - poles.count(0)
 
     def spread(self, low: float, middle: float, high: float) -> tuple[float, float]:
-        """Bounds on the second and third derivative of ln L with respect to ln omega from `low` to `high`, rad/s.
+        """Bounds on the second and third derivative of ln L with respect to ln omega.
 
-        If `low` is 0, the derivatives are with respect to omega, and zeros and poles at s = 0 are left out. `middle` is
-        a frequency between `low` and `high`.
+        They hold on the interval from `low` to `high`, rad/s; `middle` is a frequency between these. If `low` is 0, the
+        derivatives are with respect to omega, and zeros and poles at s = 0 are left out.
         """
         s, reach = complex(0, middle), high - middle
         bend = twist = self.dead_time * high if low else 0.0
@@ -554,7 +554,10 @@ def pieces(response: Response) -> list[Piece]:
 
 
 def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Limits of ln|L| and arg L/pi as omega tends to 0 and to infinity; the phases are exact multiples of 1/2."""
+    """Limits of (ln|L|, arg L/pi) as omega tends to 0, and as omega tends to infinity.
+
+    arg L/pi is an exact multiple of 1/2, or -inf.
+    """
     zeros, poles, gain = response.system.zeros.tolist(), response.system.poles.tolist(), response.system.gain
     turned, integrators = float(gain < 0), poles.count(0) - zeros.count(0)
     right = sum(root.real > 0 for root in zeros) - sum(root.real > 0 for root in poles)

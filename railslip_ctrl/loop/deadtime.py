@@ -101,7 +101,7 @@ class Loop(ABC):
         """The loop with its gain multiplied by `factor`, which may be negative. InputError: `factor` is not finite."""
 
     def __truediv__(self, divisor: Any) -> Any:
-        """Divide the gain by a number, or L by a system or loop; the latter returns frequency-response data."""
+        """Divide the gain by a number; for a system or loop as divisor return frequency-response data of L/divisor."""
         if hasattr(divisor, "ninputs"):
             return self._record / self._operand(divisor)
         number("divisor", divisor)
@@ -180,7 +180,7 @@ class Loop(ABC):
     @property
     @abstractmethod
     def gain_crossovers(self) -> Floats:
-        """All frequencies > 0 with |L| = 1, rad/s, ascending; an unstable loop has them too."""
+        """All frequencies > 0 with |L| = 1, rad/s, ascending; available also for an unstable loop."""
 
     @abstractmethod
     def phase(self, omega: ArrayLike) -> Floats:
@@ -204,7 +204,7 @@ class Loop(ABC):
         """
 
     def is_stable(self) -> bool:
-        """True if every closed-loop pole is stable, also the infinitely many poles of a neutral loop."""
+        """True if every closed-loop pole is stable; of a neutral loop all of its infinitely many poles count."""
         return self.root_count.stable
 
     @property
@@ -309,7 +309,7 @@ class DeadTimeLoop(Loop):
         return DeadTimeLoop(Rational.from_control(other, "factor") * self.system, self.dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
-        """The loop with `extra` s of added dead time; InputError if the dead time is then negative or not finite."""
+        """The loop with `extra`, s, added to the dead time; InputError if the sum is negative or not finite."""
         return DeadTimeLoop(self.system, self.dead_time + number("extra dead time", extra, "s"))
 
     def pade(self, order: int) -> DeadTimeLoop:

@@ -37,7 +37,7 @@ _GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase cr
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of a stable loop: each says how far one property of the loop may change until stability is lost.
+    """Margins of a stable loop: how far gain, phase and dead time may change, and peaks of the closed-loop responses.
 
     - gain_increase, gain_decrease: factors > 1 and < 1 on the loop gain at which stability is lost; inf and 0.0 if no
       factor destabilises.
@@ -56,8 +56,8 @@ class Margins:
     - gain_crossovers: array, 1-D, rad/s; all frequencies with |L| = 1.
     - phase_crossovers: array, 1-D, rad/s; frequencies at which L is real and negative, 0 included. With dead time
       infinitely many exist; the list contains all with |L| >= 1/100.
-    - phase_margins_deg: array, 1-D; phase margin at each gain crossover, deg, in (-180, 180]. Added lag reduces a
-      positive phase margin to 0, added lead a negative one.
+    - phase_margins_deg: array, 1-D; phase margin at each gain crossover, deg, in (-180, 180]. A positive phase margin
+      is lost by added lag, a negative one by added lead.
     - phase_crossover_gains: array, 1-D; factor 1/|L| at each phase crossover.
     """
 
@@ -327,9 +327,9 @@ class _PeakSearch:
                 left += [(middle, high, size, last), (low, middle, first, size)]
 
     def _middle(self, low: float, high: float) -> tuple[float, bool]:
-        """Frequency that divides the interval from `low` to `high`, and whether the interval is short.
+        """Frequency that divides the interval from `low` to `high`, and True if the interval is short.
 
-        Only on a short interval can the bounds be expected to prove that it contains no higher peak.
+        Bounds are tried only on short intervals, because on longer intervals they mostly fail.
         """
         if math.isinf(high):
             return (_OUTWARD * low or 1 / self._response.dead_time), False
@@ -515,8 +515,8 @@ def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[
 def by_distance(factors: Iterable[float], counts: Iterable[float]) -> list[tuple[tuple[float, float], float]]:
     """Divide the gain factors from 0 to infinity at `factors`, ascending; return the intervals, nearest to 1 first.
 
-    The interval that contains 1 comes first; the others follow by the ratio of their nearer end to 1. Each interval is
-    returned with its number in `counts`, where the intervals are in ascending order. Empty intervals are left out.
+    The interval that contains 1 comes first; the others follow by the ratio of their nearer end to 1. `counts` has a
+    number for each interval in ascending order; it is returned with the interval. Empty intervals are left out.
     """
 
     def distance(found: tuple[tuple[float, float], float]) -> float:

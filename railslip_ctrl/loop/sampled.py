@@ -5,8 +5,8 @@ a dead time that is not a multiple of the period h ([Astrom1997] 2):
 
     x[k+1] = Phi x[k] + Gamma0 u[k-d] + Gamma1 u[k-d-1],    y[k] = C x[k],    dead time = (d + fraction) h
 
-d is an integer, and the fraction is from 0 to 1. The loop is stable if and only if all eigenvalues of this equation,
-closed by the controller, lie inside the unit circle.
+d is an integer, and the fraction is from 0 to 1. This equation and that of the controller form the closed loop. It is
+stable if and only if all its eigenvalues lie inside the unit circle.
 """
 
 from __future__ import annotations
@@ -250,7 +250,7 @@ class SampledLoop(BoundedLoop):
     def _run(self, count: int) -> tuple[Floats, Floats]:
         """States of the plant at the first `count` samples of a step response, and the commands.
 
-        Before the first command stands a 0, the command for t < 0.
+        The commands begin with an additional 0, the command for t < 0.
         """
         if count > MOST_SAMPLES:
             raise InputError(
@@ -321,9 +321,9 @@ class SampledLoop(BoundedLoop):
 
     @cached_property
     def feature_frequencies(self) -> Floats:
-        """Magnitudes of the poles and zeros of plant and controller, converted to rad/s, without zeros.
+        """Magnitudes of the poles and zeros of plant and controller, rad/s; a magnitude of 0 is left out.
 
-        A root z of the controller is converted to ln(z)/h, with the sampling period h.
+        A pole or zero z of the controller is converted to ln(z)/h, with the sampling period h.
         """
         in_z = np.concatenate([self.controller.zeros, self.controller.poles])
         sizes = [self.plant.zeros, self.plant.poles, np.log(in_z[in_z != 0]) / self.period]
@@ -454,7 +454,7 @@ class BoxedExpansion:
 
 
 class BoxedResponse:
-    """Computes expansions of ln L of a `SampledLoop` on boxes of theta and fraction; time is in sampling periods."""
+    """Expansions of ln L of a `SampledLoop` on boxes of theta and fraction; time is in sampling periods."""
 
     def __init__(self, loop: SampledLoop) -> None:
         held = self._held = loop.held_plant
@@ -474,7 +474,7 @@ class BoxedResponse:
         return np.geomspace(low, np.pi, 2 + int(np.log(np.pi / low) / np.log(_CELL_RATIO)))
 
     def _reached(self, m: Floats) -> Floats:
-        """States G(m) of the plant after m sampling periods with command 1, from 0, (n, order)."""
+        """States G(m) of the plant, (n, order), after m sampling periods with command 1, beginning at 0."""
         return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:

@@ -8,7 +8,7 @@ and the continuous phase of L at each of them give the number of poles, without 
 Open-loop poles on or near the imaginary axis do not disturb the count, because for large |L| the argument contains only
 N. This is the direct method of [WaltonMarshall1987], applied to one dead time.
 
-The crossovers are algebraic numbers, which exact polynomials define (`crossings`). If rounding of the phase could
+The gain crossovers are algebraic numbers: roots of exact polynomials (`crossings`). If rounding of the phase could
 matter, ball arithmetic of increasing precision decides. With dead time some precision always suffices: at a crossover
 exp(-j tau omega) is transcendental (Lindemann), and L is therefore not -1. Without dead time, L = -1 at a crossover
 means a closed-loop pole on the imaginary axis.
@@ -141,8 +141,8 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
       poles as G.
 
     Raises SpectrumError if the exact root count differs from the number of computed poles. A neutral loop has
-    infinitely many poles with nearly equal real parts (a chain). They are listed in ascending frequency; only poles
-    right of the chain are compared with the root count.
+    infinitely many poles with nearly equal real parts (a chain). The poles of the chain are listed in ascending
+    frequency; only poles right of the chain are compared with the root count.
 
     The dead time is represented by a transport line. Its values at Chebyshev points and the states of G form a linear
     system, whose rightmost eigenvalues are close to the closed-loop poles ([Breda2005]). Newton's method refines each
