@@ -129,7 +129,7 @@ class SampledLoop(BoundedLoop):
 
     def __mul__(self, other: Any) -> SampledLoop:
         if isinstance(other, Loop):
-            raise InputError("factor: a sampled loop times a loop is not defined; multiply its controller")
+            raise InputError("factor: a sampled loop cannot be multiplied by a loop; multiply its controller instead")
         factor = Rational.from_control(other, "factor", period=self.period)
         return SampledLoop(factor * self.controller, self.plant, self.dead_time, self.period)
 
