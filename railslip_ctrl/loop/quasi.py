@@ -178,8 +178,8 @@ class DelayedRatio:
     def __post_init__(self) -> None:
         if self.numerator.removed != self.denominator.removed:
             raise InputError(
-                f"delayed ratio: removed is {self.numerator.removed} in the numerator and {self.denominator.removed} in "
-                "the denominator; give both the same value"
+                f"delayed ratio: removed is {self.numerator.removed} in the numerator and "
+                f"{self.denominator.removed} in the denominator; give both the same value"
             )
 
     def __call__(self, s: ArrayLike) -> Complexes:
