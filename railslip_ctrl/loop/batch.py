@@ -1,11 +1,12 @@
 """Margins of many dead-time loops at once: `DeadTimeLoop.margins()` for maps and sweeps, vectorised over loops.
 
 The method is that of the scalar engine for one loop (`crossings`, `stability`, `margins`), applied to the frequency
-points of all loops at once (`Points`). Bounds on the second derivative of ln L between two points exclude a hidden gain
-crossover, a hidden phase crossover that limits a margin, and a peak more than 0.1 % above the reported peak. Between
-the lowest and the highest point, root count and gain, phase and delay margins are therefore certain, and peaks are
-accurate to 0.1 %. These two points lie a factor 1e4 beyond every pole, zero and asymptotic crossover of the loop. The
-reported peaks are refined to rounding. If rounding or the bounds leave a decision open, the scalar engine decides.
+points of all loops at once (`Points`). A bound on the second derivative of ln L proves that no gain crossover is missed
+between two neighbouring points, no phase crossover that limits a margin, and no peak more than 0.1 % above the reported
+peak. Between the lowest and the highest point, root count and gain, phase and delay margins are therefore certain, and
+peaks are accurate to 0.1 %. These two points lie a factor 1e4 beyond every pole, zero and asymptotic crossover of the
+loop. The reported peaks are refined to rounding. The scalar engine computes a loop if the proof fails or rounding could
+decide.
 """
 
 from __future__ import annotations
@@ -56,10 +57,10 @@ _PEAK_GAIN = 1e-10  # a piece is searched if its bound exceeds the highest value
 
 @dataclass(frozen=True)
 class BatchMargins:
-    """Margins of n loops; every field has shape (n,) and the meaning it has in `Margins`.
+    """Margins of n loops; every field is an array of shape (n,). `Margins` explains the margins.
 
-    - stable: array of bool
-    - unstable_poles: closed-loop poles with real part >= 0, exactly counted.
+    - stable: bool; true if the closed loop is stable.
+    - unstable_poles: number of closed-loop poles with real part >= 0, exact.
     - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt, disk: margins (factors, deg, s, peaks of |S| and |T|,
       balanced disk margin); NaN for an unstable loop.
     - gain_increase_frequency, gain_decrease_frequency, phase_frequency, delay_frequency, ms_frequency, mt_frequency,
@@ -91,7 +92,7 @@ def stack(loops: Sequence[Rational], dead_times: ArrayLike) -> tuple[Complexes, 
     """Return zeros, poles, gains and dead times of n loops as arrays for `batch_margins`.
 
     - loops: transfer functions with equal numbers of zeros and equal numbers of poles.
-    - dead_times: s; one for all loops, or one per loop.
+    - dead_times: s; one dead time for all loops, or one per loop.
 
     InputError: the loops have different numbers of zeros or poles, or the number of dead times is wrong.
     """
@@ -120,12 +121,13 @@ def batch_margins(
 ) -> BatchMargins:
     """Compute all margins of n loops L(s) = gain prod(s - zeros)/prod(s - poles) exp(-dead_time s).
 
-    - zeros, poles: array of complex, shapes (n, mz) and (n, mp), mz < mp; 1/s; complex ones in conjugate pairs. A pole
-      cancelled by a zero still counts for stability.
+    - zeros, poles: array of complex, shapes (n, mz) and (n, mp), mz < mp; 1/s; complex values in conjugate pairs. A
+      pole cancelled by a zero still counts for stability.
     - gain: array (n,); ratio of the leading coefficients.
     - dead_time: array (n,); s, >= 0.
-    - gain_margins, peaks: if `gain_margins` is false, the gain margins and their frequencies are NaN; if `peaks` is
-      false, `ms`, `mt`, `disk` and their frequencies are NaN. Leaving one of them out halves the time.
+    - gain_margins: true to compute the gain margins; otherwise they and their frequencies are NaN.
+    - peaks: true to compute `ms`, `mt` and `disk`; otherwise they and their frequencies are NaN. Without the gain
+      margins, or without the peaks, the computation takes half the time.
 
     InputError: inconsistent shapes, a loop that is not strictly proper, a number that is not finite, a negative dead
     time, or complex roots without their conjugates.
@@ -189,9 +191,10 @@ def _checked(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time: Arr
 def _solve(
     loops: Loops, low: Floats, high: Floats, index: Indices, results: dict[str, Floats], requested: tuple[bool, bool]
 ) -> Flags:
-    """Fill `results` at `index` for these loops; return True for each loop that the scalar engine must compute.
+    """Compute the margins of `loops` and write them into `results` at the positions `index`.
 
-    `requested`: whether gain margins and peaks are computed.
+    Return an array that is True for each loop that the scalar engine must compute. `requested` is (True to compute the
+    gain margins, True to compute the peaks).
     """
     points, bent, delicate = monotone(loops, low, high)
     n = index.size
@@ -228,7 +231,10 @@ def _solve(
 
 
 def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Floats, Indices]:
-    """Smallest value of each of n loops, and its index; `default` and -1 if none; `rows`: loop of each value."""
+    """Return the smallest value of each of n loops, and the index of this value.
+
+    `rows` gives the number of the loop to which each value belongs. A loop without value gets `default` and -1.
+    """
     order = np.lexsort((values, rows))
     present, position = np.unique(rows[order], return_index=True)
     smallest, number = np.full(n, default), np.full(n, -1)
@@ -238,12 +244,12 @@ def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Flo
 
 
 def _where(omega: Floats, number: Indices) -> Floats:
-    """Frequencies `omega` with the indices `number`; NaN for index -1."""
+    """Return `omega[number]`, with NaN where `number` is -1."""
     return np.append(omega, np.nan)[number]
 
 
 def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
-    """Phase and delay margins of n loops; the values of unstable loops are meaningless."""
+    """Return phase and delay margins of n loops by field name; they have no meaning for unstable loops."""
     angle = np.mod(crossovers.phase + np.pi, 2 * np.pi)
     phase, phase_at = _extreme(np.degrees(np.minimum(angle, 2 * np.pi - angle)), crossovers.row, n, np.inf)
     delay, delay_at = _extreme(angle / crossovers.omega, crossovers.row, n, np.inf)
@@ -256,7 +262,7 @@ def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
 
 
 def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
-    """Gain margins, and True for each loop with a gain margin that rounding or the bounds leave undecided."""
+    """Return the gain margins by field name, and an array: True for each loop that the scalar engine must compute."""
     off = points.phase - np.pi
     off -= 2 * np.pi * np.round(off / (2 * np.pi))
     delicate = np.zeros(n, dtype=bool)
@@ -277,7 +283,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
     nearest = np.array(limits)
 
     def may_hide(points: Points, pieces: Points, _: Floats, spans: Spans) -> Indices:
-        """Pieces that may hide a phase crossover nearer to |L| = 1 than every known one."""
+        """Indices of the intervals that may contain an unknown phase crossover that limits the gain margins."""
         first, last = levels(pieces)
         turns, rows = (spans[1] - np.pi) / (2 * np.pi), points.row[:-1]
         hidden = (pieces.row[:-1] == pieces.row[1:]) & ((np.ceil(turns[0]) < first) | (np.floor(turns[1]) > last))
@@ -289,11 +295,11 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
 def _undecided(
     loops: Loops, points: Points, bent: Floats, left: Indices, test: Callable[[Points, Points, Floats, Spans], Indices]
 ) -> Flags:
-    """True for each loop with a piece of the axis that stays undecided after `_MOST_ROUNDS` rounds of division.
+    """Divide undecided intervals `_MOST_ROUNDS` times; return True for each loop with an interval still undecided.
 
-    - left: pieces that are undecided at the start.
-    - test: function that returns the pieces that remain undecided. Its arguments are the points, the points numbered by
-      piece, and the `bends` and `ranges` of the pieces.
+    - left: indices of the intervals that are undecided at the start.
+    - test: function that returns the indices of the intervals that remain undecided. Its arguments are the points, the
+      same points numbered by divided interval (see `parted`), and the `bends` and `ranges` of the intervals.
     """
     for _ in range(_MOST_ROUNDS):
         if left.size == 0:
@@ -306,10 +312,11 @@ def _undecided(
 
 
 def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[Floats, Floats]:
-    """Smallest abs ln|L| at a phase crossover with |L| > 1 (`side` 1) or |L| < 1 (-1), and its frequency, rad/s.
+    """For each of n loops, find the phase crossover with |L| nearest to 1; return abs ln|L| and its frequency, rad/s.
 
-    On a piece |L| is monotone and does not cross 1. Therefore only its phase crossover nearest to the end where |L| is
-    closer to 1 can limit the gain. Pieces whose limit cannot be the smallest of their loop are skipped.
+    Only phase crossovers with |L| > 1 (`side` 1) or |L| < 1 (`side` -1) count. On an interval |L| is monotone and does
+    not cross 1. Therefore only one of its phase crossovers matters, the one nearest to the end at which |L| is closer
+    to 1. Intervals that cannot contain the crossover of their loop are skipped.
     """
     first, last = levels(points)
     size, row = points.size, points.row[:-1]
@@ -326,7 +333,10 @@ def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[F
 
 
 def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
-    """Suprema of |S|, |T| and |S - 1/2|, and True for each loop that the scalar engine must compute."""
+    """Return Ms, Mt and disk margin by field name, from the suprema of |S|, |T| and |S - 1/2|.
+
+    The second result is an array, True for each loop that the scalar engine must compute.
+    """
     dc = np.clip(loops.dc_gain(), -1e100, 1e100).astype(complex)  # with an integrator 1e100 gives the limit of |S|, |T|
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
     for loop, end in ((dc, 0.0), (np.zeros_like(dc), np.inf)):
@@ -353,7 +363,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     a, b = np.array(SHAPES)[kind].T
 
     def rise(found: Points, index: Indices) -> Floats:
-        """Derivative, s, with respect to omega of the function with the peak: ln|S|, ln|T| or ln|S - 1/2|."""
+        """Derivative with respect to omega, s, of ln|S|, ln|T| or ln|S - 1/2|, whichever has the peak."""
         loop = found.loop()
         slope = (b - a)[index] * (found.size_slope + 1j * found.phase_slope)
         return np.asarray((slope * loop / ((1 + loop) * (a[index] + b[index] * loop))).real)
@@ -364,7 +374,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     most = peak * (1 + _PEAK_SURE)
 
     def may_exceed(points: Points, pieces: Points, bent: Floats, spans: Spans) -> Indices:
-        """Pieces that may contain a peak higher than the highest known one."""
+        """Indices of the intervals that may contain a peak higher than the highest known peak."""
         boxes = bounds(pieces, spans)
         return np.flatnonzero(exceeding(pieces, bent[0], boxes, heights(points.loop()), most[:, points.row[:-1]]))
 
@@ -376,7 +386,10 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
 
 
 def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequencies: Floats) -> None:
-    """Update `peak` and its frequency `omega`, (3, n), from `values`, (3, N), at `frequencies` of the loops `rows`."""
+    """Replace each `peak` and its frequency `omega`, (3, n), if one of the `values`, (3, N), of its loop is higher.
+
+    `rows` and `frequencies`, (N,): number of the loop and frequency, rad/s, to which each value belongs.
+    """
     for best, where, value in zip(peak, omega, values, strict=True):
         before = best[rows]
         np.maximum.at(best, rows, np.where(np.isfinite(value), value, 0.0))
@@ -386,13 +399,16 @@ def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequenci
 
 # -- points, ordered by loop and frequency -------------------------------------------------------------------------
 
-# Points divide each loop's frequency axis into pieces, each from a point to the next of the same loop. On a piece ln|L|
-# and the phase are monotone as far as the nodes show; bounds on their second derivatives hold in any case.
+# Points divide each loop's frequency axis into intervals (in the code: pieces). On an interval ln|L| and the phase are
+# monotone as far as their slopes at the nodes show; bounds on their second derivatives hold in any case.
 
 
 @dataclass(frozen=True)
 class Loops:
-    """Arrays of n loops: roots (m, n), `sign` (m,) +1 for zeros and -1 for poles, gain and dead time (n,)."""
+    """Arrays of n loops: real and imaginary parts of m zeros and poles, (m, n), gain and dead time (s), (n,).
+
+    `sign`, (m,), is +1 for a zero and -1 for a pole.
+    """
 
     real: Floats
     imag: Floats
@@ -425,7 +441,7 @@ class Loops:
             return np.asarray(turned * np.exp(self.sign @ np.log(np.hypot(self.real, self.imag))))
 
     def evaluate(self, omega: Floats, row: Indices) -> Points:
-        """L(j omega) of the loops `row` (indices) in logarithmic form, arrays (N,), by the formulas of `Rational`."""
+        """Return ln|L(j omega)|, phase and slopes of the loops with the numbers `row`; `omega` and `row` are (N,)."""
         log_gain, turned = np.log(np.abs(self.gain)), np.where(self.gain < 0, np.pi, 0.0)
         values = np.empty((4, omega.size))
         for start in range(0, omega.size, _BLOCK):
@@ -445,7 +461,10 @@ class Loops:
 
 @dataclass(frozen=True)
 class Points:
-    """Frequencies ordered by loop, then ascending, with ln|L|, continuous phase and their slopes; arrays (N,)."""
+    """Frequencies ordered by loop (`row`), then ascending, with ln|L|, continuous phase and their slopes; arrays (N,).
+
+    Interval number i reaches from point i to point i + 1 of the same loop.
+    """
 
     row: Indices
     omega: Floats
@@ -468,12 +487,12 @@ class Points:
         return self.row, self.omega, self.size, self.size_slope, self.phase, self.phase_slope
 
     def changes(self, value: Floats) -> Indices:
-        """Indices of the pieces (point i to i + 1 of one loop) on which `value` changes sign."""
+        """Indices of the intervals on which `value` changes sign."""
         signs = np.sign(value)
         return np.flatnonzero((signs[:-1] * signs[1:] < 0) & (self.row[:-1] == self.row[1:]))
 
     def responses(self) -> tuple[Floats, Floats]:
-        """|S|, |T|, |S - 1/2| and their logarithmic slopes, both of shape (3, N)."""
+        """Magnitudes |S|, |T| and |S - 1/2|, (3, N), and their logarithmic slopes, (3, N)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return responses(self.loop(), self.size_slope + 1j * self.phase_slope)
 
@@ -483,7 +502,10 @@ class Points:
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
-    """Lowest and highest node, rad/s, and True if the scalar engine must compute the loop; each (n,)."""
+    """Return lowest and highest frequency, rad/s, at which each loop is evaluated, (n,).
+
+    The third array, (n,), is True for each loop that the scalar engine must compute.
+    """
     real, imag, sign, gain = loops.real, loops.imag, loops.sign, loops.gain
     sizes = np.hypot(real, imag)
     finite = sizes > 0
@@ -507,7 +529,7 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
 
 
 def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
-    """Points from `low` to `high`, rad/s, dense enough to resolve every pole and zero of each loop."""
+    """First points (nodes) from `low` to `high`, rad/s, dense enough to resolve every pole and zero of each loop."""
     begin, end = low * _FAR, high / _FAR
     parts = [
         _spaced(*ends)
@@ -535,7 +557,10 @@ def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
 
 
 def located(loops: Loops, points: Points, at: Indices, function: Callable[[Points, Indices], Floats]) -> Points:
-    """Zeros of `function` on the pieces `at`; `function` takes points and their indices into `at`."""
+    """Return points at the zeros of `function`, one zero in each interval with an index in `at`.
+
+    `function(points, i)` gives the values at points that lie in the intervals `at[i]`.
+    """
     rows, all_of_them = points.row[at], np.arange(at.size)
     omega = bracketed_roots(
         lambda x, i: function(loops.evaluate(x, rows[i]), i),
@@ -547,9 +572,10 @@ def located(loops: Loops, points: Points, at: Indices, function: Callable[[Point
 
 
 def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, Flags]:
-    """Points between which ln|L| and the phase are monotone as far as the nodes show, their `bends`, and `delicate`.
+    """Return points from `low` to `high`, rad/s, (n,), and the `bends` of their intervals.
 
-    `low` and `high`: rad/s, (n,). `delicate` is True for a loop if |L| nearly touches 1 or may hide a gain crossover.
+    Between two points ln|L| and the phase are monotone, as far as their slopes at the nodes show. The third array is
+    True for each loop in which |L| nearly touches 1, or a gain crossover may be missed.
     """
     points = _nodes(loops, low, high)
     at = points.changes(points.size_slope)
@@ -575,12 +601,12 @@ def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, F
 
 
 def _repeated(bent: Floats, at: Indices) -> Indices:
-    """Indices of all pieces, those in `at` twice."""
+    """Indices of all intervals; those in `at` are repeated, because a point divides the interval."""
     return np.insert(np.arange(bent.shape[1]), at, at)
 
 
 def bends(loops: Loops, points: Points) -> Floats:
-    """Bounds on |d^2 ln L/d omega^2| and on its imaginary part over each piece, (2, N)."""
+    """Upper bounds on |d^2 ln L/d omega^2| and on |d^2 arg L/d omega^2| on each interval, (2, N)."""
     bounds_on_bend = np.empty((2, points.omega.size))
     for start in range(0, points.omega.size, _BLOCK):
         part = slice(start, start + _BLOCK)
@@ -598,10 +624,12 @@ def bends(loops: Loops, points: Points) -> Floats:
 
 
 def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:
-    """True for each of the pieces `at` on which neither of two bounds excludes a hidden gain crossover.
+    """True for each interval with an index in `at` on which a gain crossover may be missed.
 
-    With |d^2 ln|L|/d omega^2| <= m on a piece of width h, the slope has one sign if |s1| + |s2| > m h, and ln|L| has
-    one sign if |y1| + |y2| > h max|slope|; s and y are slope and ln|L| at the ends.
+    No gain crossover is missed if the slope of ln|L|, or ln|L| itself, has one sign on the interval. The slope has one
+    sign if |s1| + |s2| > m h, where s1 and s2 are its values at the ends, h is the width of the interval and m bounds
+    |d^2 ln|L|/d omega^2| (`bend`). With the values y1 and y2 of ln|L| at the ends, ln|L| has one sign if
+    |y1| + |y2| > h max|slope|.
     """
     low, high = points.omega[at], points.omega[at + 1]
     turn = bend[at] * (high - low)
@@ -613,17 +641,20 @@ def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:
 
 
 def levels(points: Points) -> tuple[Floats, Floats]:
-    """First and last integer k with arg L = pi + 2 pi k on each piece, arrays (N - 1,); first > last if none."""
+    """First and last integer k for which arg L takes the value pi + 2 pi k on each interval, two arrays (N - 1,).
+
+    If arg L takes none of these values, the first integer is larger than the last.
+    """
     turns = (points.phase - np.pi) / (2 * np.pi)
     lower, upper = np.minimum(turns[:-1], turns[1:]), np.maximum(turns[:-1], turns[1:])
     return np.ceil(lower), np.floor(upper)
 
 
 def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
-    """Lowest and highest ln|L| and phase on each piece, each (2, N - 1); 0 from one loop to the next.
+    """Lowest and highest ln|L| on each interval, (2, N - 1), and lowest and highest phase, rad, (2, N - 1).
 
-    On a piece of width h a function leaves the range of its end values by at most h^2/8 times the bound on its second
-    derivative.
+    On an interval of width h a function leaves the range of its end values by at most h^2/8 times the bound on its
+    second derivative (`bent`). The entries between the last point of a loop and the first of the next are 0.
     """
     width, same, found = np.diff(points.omega), points.row[:-1] == points.row[1:], []
     for value, slope, bend in ((points.size, points.size_slope, bent[0]), (points.phase, points.phase_slope, bent[1])):
@@ -637,15 +668,16 @@ def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
 
 
 def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
-    """Upper bounds on |S|, |T| and |S - 1/2| over each piece by `margins.box_bounds`, (3, N - 1)."""
+    """Upper bounds on |S|, |T| and |S - 1/2| on each interval, (3, N - 1); `spans` are the `ranges`."""
     return np.where(points.row[:-1] == points.row[1:], box_bounds(spans[0], spans[1] / np.pi), 0.0)
 
 
 def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most: Floats) -> Flags:
-    """True for each piece on which |S|, |T| or |S - 1/2| may exceed `most`, (3, N - 1).
+    """True for each interval on which |S|, |T| or |S - 1/2| may exceed its limit in `most`, (3, N - 1).
 
-    Two bounds are tried: `boxes`, and the `values` at the ends plus a bound on the second derivative. The second
-    derivative of S and of T is, up to sign, S T (l' + l^2 (S - T)) with l = d ln L/d omega.
+    Two upper bounds are compared with the limit. The first is `boxes`, (3, N - 1). The second is a sum: the larger of
+    the two end values (`values`, (3, N)), and a bound on the curvature. The second derivative of S and of T is, up to
+    sign, S T (l' + l^2 (S - T)) with l = d ln L/d omega; `bend` bounds |l'|.
     """
     open_ones = np.any(boxes > most, axis=0)
     at = np.flatnonzero(open_ones)
@@ -659,12 +691,14 @@ def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most:
 
 
 def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indices) -> tuple[Points, Points, Floats]:
-    """Divide pieces into equal parts; return the ends of the parts, the same points numbered by piece, and `bends`.
+    """Divide intervals into equal parts; return the points at the ends of the parts (twice) and the parts' `bends`.
 
-    - bent: `bends` of all pieces.
-    - at, parts: indices of the pieces, and the number of parts of each.
+    - bent: `bends` of all intervals.
+    - at: indices of the intervals to be divided.
+    - parts: number of parts of each of these intervals.
 
-    In the points numbered by piece, `row` is the number of the piece, so that no part joins two pieces.
+    In the first result `row` is the number of the loop; in the second it is the number of the divided interval.
+    Therefore no interval of the second result joins points of two divided intervals.
     """
     piece = np.repeat(np.arange(at.size), parts + 1)
     step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]

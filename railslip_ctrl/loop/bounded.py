@@ -1,7 +1,7 @@
 """Crossovers, gain limits and peaks of loops from bounds on ln L over intervals of frequency, without polynomials.
 
-A subclass gives L, its slope, and a bound on how far ln L deviates from its linear expansion. `BoundedLoop` divides the
-frequency axis until no crossover and no peak can be hidden between two neighbouring frequencies.
+A subclass gives L, its slope, and a bound on how far ln L deviates from its linear expansion. With this bound
+`BoundedLoop` divides the frequency axis into intervals so short that no crossover and no peak can be missed.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _ENDS = np.array([0.0, np.inf])
 
 
 class Expansion(NamedTuple):
-    """Linear expansion of ln L about the middles of n intervals, with bounds on the remainder.
+    """Linear expansion of ln L about the middles of n frequency intervals, with bounds on the deviation.
 
-    - value, slope: array (n,); ln L and its derivative, s.
-    - bounds: function of the half widths, (n,), rad/s. It returns the largest deviations of ln L and of ln|L| from
-      their linear parts, and the largest deviation of ln L over twice the width. A deviation is inf if no bound exists.
-      The bounds on ln L also hold for complex frequencies, in the disk about the middle that has the interval as
-      diameter.
+    - value, slope: array (n,); ln L and its derivative with respect to omega, s, at the middles.
+    - bounds: function of the half widths of the intervals, (n,), rad/s. It returns three arrays (n,) of upper bounds on
+      deviations from the linear expansion: that of ln L, that of ln|L|, and that of ln L on intervals of twice the
+      width. A bound is inf if none exists. The bounds on ln L also hold for complex frequencies in the disk that has
+      the interval as diameter.
     """
 
     value: Complexes
@@ -46,7 +46,7 @@ class Expansion(NamedTuple):
 
 
 class BoundedLoop(Loop):
-    """A `Loop` whose margins come from bounds on ln L between frequencies (rad/s)."""
+    """A `Loop` whose margins come from bounds on ln L on frequency intervals."""
 
     _to_infinity: ClassVar[bool] = False  # True if the frequency axis reaches to infinity, where L is 0
 
@@ -65,7 +65,10 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _edges(self) -> Floats:
-        """Frequencies, rad/s, of the first division, ascending, from below every feature to where |L| is small."""
+        """Ends of the first frequency intervals, rad/s, ascending.
+
+        They begin far below the slowest pole or zero. They end at pi/h of a sampled loop, else where |L| is small.
+        """
 
     @abstractmethod
     def _expand(self, omega: Floats) -> Expansion:
@@ -73,18 +76,24 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _first_phase(self, omega: Floats) -> Floats:
-        """arg L at frequencies below every feature, continuous from frequency 0 on."""
+        """Continuous phase of L, rad, at frequencies far below the slowest pole or zero."""
 
     @abstractmethod
     def _added_delay(self) -> tuple[float, float]:
-        """Least added dead time that destabilises, s, and its frequency, rad/s; inf and NaN if none does."""
+        """Least added dead time that destabilises the loop, s, and the frequency of the pole at the limit, rad/s.
+
+        The result is inf and NaN if no added dead time destabilises it.
+        """
 
     @abstractmethod
     def _unstable_description(self) -> tuple[str, str]:
-        """Kind of the loop and description of its unstable poles, for the error message."""
+        """Kind of the loop and description of its unstable poles, for the message of UnstableLoopError."""
 
     def response(self, omega: ArrayLike) -> Complexes:
-        """L, complex, of the shape of `omega` (rad/s, > 0; up to pi/h of a sampled loop)."""
+        """L(j omega), complex, of the shape of `omega`.
+
+        - omega: rad/s, > 0, any shape; at most pi/h for a sampled loop with period h.
+        """
         return self.response_and_slope(numbers("omega", omega, "rad/s", gt=0))[0]
 
     def phase(self, omega: ArrayLike) -> Floats:
@@ -104,7 +113,7 @@ class BoundedLoop(Loop):
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
         """Interval of loop-gain factors that make the loop stable; None if no factor does.
 
-        It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
+        The interval contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
         """
         nodes = self._nodes
         factors = sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes)))
@@ -115,10 +124,11 @@ class BoundedLoop(Loop):
         return None
 
     def margins(self) -> Margins:
-        """All margins, in the same record as those of `DeadTimeLoop`.
+        """All margins of the loop; see `Margins`.
 
-        Frequencies are > 0; pi/h stands for infinity in a sampled loop. Crossovers and peaks are bracketed between
-        frequencies at which bounds exclude hidden ones, then refined to rounding.
+        Frequencies are > 0; a sampled loop with period h has no frequencies above pi/h. Crossovers and peaks are
+        located in intervals that cannot contain a second one, then refined to rounding. Raises UnstableLoopError if the
+        closed loop is unstable.
         """
         if not self.is_stable():
             raise unstable_error(*self._unstable_description(), self.root_count.right, self.stabilizing_gain_range)
@@ -147,11 +157,10 @@ class BoundedLoop(Loop):
 
     @cached_property
     def _nodes(self) -> Floats:
-        """Frequencies, ascending, between which no crossover and no peak is hidden.
+        """Frequencies, rad/s, ascending, close enough that no crossover and no peak is missed between two of them.
 
-        Between two neighbouring frequencies, |L| - 1 and the phase minus 180 deg each cross 0 at most once. There |S|,
-        |T| and |S - 1/2| are monotone, or below their value at another node. Intervals are divided until bounds prove
-        this.
+        Intervals are divided until bounds prove the following for each interval. |L| - 1 and the phase minus 180 deg
+        each cross 0 at most once. Each of |S|, |T| and |S - 1/2| is monotone, or smaller than at some other frequency.
         """
         edges = self._edges()
         nodes, best = [edges], np.log(np.maximum(self._at_ends().max(axis=1), 1e-300))
@@ -179,12 +188,12 @@ class BoundedLoop(Loop):
         return np.asarray(np.sort(np.concatenate(nodes)))
 
     def _at_ends(self) -> Floats:
-        """|S|, |T|, |S - 1/2| at frequency 0 and, if `_to_infinity`, at infinity; |L| is limited to 1e100."""
+        """|S|, |T| and |S - 1/2| at frequency 0, and at infinity if the axis reaches there; |L| is limited to 1e100."""
         values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
         return heights(values)
 
     def _roots(self, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
-        """Refined frequencies, rad/s, of the sign changes of a real function of L with `values` at the `nodes`."""
+        """Refined frequencies, rad/s, at which a real function of L changes sign; `values`: function at the `nodes`."""
         at = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
         return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
 
@@ -212,7 +221,11 @@ class BoundedLoop(Loop):
 
 
 def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
-    """Largest deviations of ln S, ln T and ln(S - 1/2) from linear, (3, n), if ln L changes by `linear` plus `rest`."""
+    """Upper bounds on the deviations of ln S, ln T and ln(S - 1/2) from linear functions of frequency, (3, n).
+
+    On each interval the linear expansion of ln L changes by at most `linear`, and ln L deviates from it by at most
+    `rest`. `loop` is L at the middle of the interval.
+    """
     grown = np.expm1(linear + rest)
 
     def of_sum(part: Complexes) -> Floats:  # ln(1 + part (exp(u) - 1))

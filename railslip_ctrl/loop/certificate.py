@@ -1,9 +1,9 @@
 """Certificates: proved intervals (enclosures) for the margins of a dead-time loop, by ball (interval) arithmetic.
 
-Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`crossings`). For Ms and Mt the
-frequency axis is divided into parts; on each part |S| and |T| are proved to be below the upper end of the enclosure.
-The lower end is a value that they attain. If the controller contains delays, the solutions of |L| = 1 are not roots of
-a polynomial. Every enclosure then follows from bounds on parts of the axis (`_Delayed`).
+Root count, gain, phase and delay margins follow from roots of polynomials, each enclosed in a ball (`crossings`). For
+Ms and Mt the frequency axis is divided into intervals; on each of them |S| and |T| are proved to be below the upper end
+of the enclosure. The lower end is a value that |S| or |T| attains. If the controller contains delays, the solutions of
+|L| = 1 are not roots of a polynomial. Then all enclosures follow from bounds on frequency intervals (`_Delayed`).
 """
 
 from __future__ import annotations
@@ -33,37 +33,37 @@ _BITS = (80, 320, 1280, 4000)  # precisions tried, in this order
 _ABOVE = 0.4 * WIDTH  # relative distance from a peak's attained value to the upper end of its enclosure
 _BESIDE = 1e-6  # largest relative distance of a peak's frequency from the frequency found in doubles
 _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is divided first
-_MOST_PARTS = 50_000  # largest number of parts of the axis; if it is exceeded, the next precision is tried
+_MOST_PARTS = 50_000  # largest number of frequency intervals; if it is exceeded, the next precision is tried
 _FARTHEST = arb(2) ** 1000  # rad/s; largest frequency, still a double
 _STEP_OUT = 256.0  # a part that reaches to 0 or infinity is divided this factor away from its other end
 
 
 class CertificateError(RailslipError, ArithmeticError):
-    """A margin could not be enclosed to the relative width of a certificate, 1e-9."""
+    """A margin could not be enclosed in an interval of relative width 1e-9, as a certificate requires."""
 
 
 class _TooWideError(Exception):
-    """A ball of the current precision is too wide for a decision."""
+    """At the current precision a ball is too wide: it does not decide a sign, or does not enclose closely enough."""
 
 
 @dataclass(frozen=True)
 class Certificate:
     """Proved stability and margins of a loop; each enclosure is (lowest, highest), of relative width <= 1e-9.
 
-    The certificate holds for the exact values of the given doubles: coefficients, matrices or roots, gain, dead time.
+    The numbers that define the loop (coefficients, matrices or roots, gain, dead time) are taken as exact, as given in
+    double precision.
 
     - stable: true if every closed-loop pole lies left of the imaginary axis.
-    - marginal: true if a closed-loop pole lies on the imaginary axis or is indistinguishable from it at `bits`; false
-      if infinitely many poles are not left of it.
-    - unstable_poles: number of closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
-    - gain_crossovers: enclosures of all frequencies with |L| = 1, rad/s; these and the phases there decide the root
-      count.
-    - bits: precision of the balls: their relative width is 2^-bits.
-    - parts: number of parts of the axis on which |S| and |T| were bounded; 0 without dead time, where roots of
-      polynomials give the peaks.
-    - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt: enclosures of the margins of `Margins`: factors, deg, s,
-      peaks of |S| and |T|; both ends are inf for a margin without bound. `gain_decrease` is (0, 1e-9) if rounding of
-      the coefficients hides an integrator. None for an unstable loop.
+    - marginal: true if a closed-loop pole lies on the imaginary axis, or so near that the precision does not show on
+      which side; false for a loop with infinitely many poles on the axis or right of it.
+    - unstable_poles: number of closed-loop poles with real part >= 0.
+    - gain_crossovers: enclosures of all frequencies with |L| = 1, rad/s.
+    - bits: precision of the ball arithmetic; the relative width of a ball is 2^-bits.
+    - parts: number of frequency intervals on which |S| and |T| were bounded; 0 without dead time, because then the
+      peaks follow from roots of polynomials.
+    - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt: enclosures of the margins with these names in `Margins`:
+      factors, deg, s, ratios. All are None for an unstable loop. Both ends are inf for a margin without bound.
+      `gain_decrease` is (0, 1e-9) if L(0) < -1e9, the value that an integrator with rounded coefficients has.
     """
 
     stable: bool
@@ -83,8 +83,8 @@ class Certificate:
 def certify(response: Response, margins: Margins | None) -> Certificate:
     """Compute the certificate of a loop; `margins` are its margins, or None if it is unstable.
 
-    Raises CertificateError if the highest precision does not suffice. In double precision the loop is then on the
-    stability boundary.
+    Raises CertificateError if the highest precision, 4000 bits, does not suffice. The loop is then so near the
+    stability boundary that double precision cannot separate it from the boundary.
     """
     count = root_count(response, certain=True)
     crossovers = tuple(_ends(omega) for omega, _ in response.exact.frequencies(GAIN))
@@ -114,7 +114,7 @@ def certify(response: Response, margins: Margins | None) -> Certificate:
 
 
 def _ends(ball: arb) -> Enclosure:
-    """The ends of a ball as doubles, rounded outward."""
+    """Lower and upper end of a ball as doubles, rounded outward."""
     if not ball.is_finite():
         return math.inf, math.inf
     low, high = float(ball.lower()), float(ball.upper())
@@ -124,7 +124,7 @@ def _ends(ball: arb) -> Enclosure:
 
 
 def _narrow(ball: arb) -> Enclosure:
-    """The ends of a ball; _TooWideError if it is wider than `WIDTH`."""
+    """Lower and upper end of a ball; _TooWideError if its relative width exceeds `WIDTH`."""
     low, high = _ends(ball)
     if high - low > WIDTH * abs(high):
         raise _TooWideError
@@ -132,7 +132,7 @@ def _narrow(ball: arb) -> Enclosure:
 
 
 def _least(balls: Iterable[arb]) -> arb:
-    """Ball that contains the least of the numbers in the balls; infinity if no ball is given."""
+    """Ball that contains the smallest of the numbers enclosed by `balls`; infinity if no ball is given."""
     return reduce(arb.min, balls, arb.pos_inf())
 
 
@@ -141,7 +141,10 @@ def _least(balls: Iterable[arb]) -> arb:
 
 @dataclass(frozen=True)
 class _End:
-    """Values at an end of a piece of the axis: frequency, 0 to inf; ln|L| as a double; arg L/pi, None for -infinity."""
+    """Values at an end of a frequency interval: frequency, 0 to inf; ln|L| as a double; arg L/pi.
+
+    `half_turns`, arg L/pi, is None where the phase tends to -infinity.
+    """
 
     omega: arb
     size: float
@@ -149,7 +152,7 @@ class _End:
 
 
 def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
-    """Both ends of each piece of the axis with monotone |L| and phase, and whether |L| > 1 on it."""
+    """Yield both ends of each frequency interval with monotone |L| and phase, and True if |L| > 1 on this interval."""
     exact = response.exact
     kinds = (GAIN, SIZE, PHASE, AXIS)
     nodes = [(w, kind, i, n % 2) for kind in kinds for i, (w, n) in enumerate(exact.frequencies(kind, bits))]
@@ -168,9 +171,10 @@ def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
 
 
 def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
-    """The least gain factor > 1 and the largest < 1 that put a closed-loop pole on the imaginary axis.
+    """Smallest factor > 1 and largest factor < 1 on the loop gain that put a closed-loop pole on the imaginary axis.
 
-    |L| is monotone on each piece, so only the phase crossover nearest to |L| = 1 counts.
+    |L| is monotone on each frequency interval of `_pieces`. Therefore only one phase crossover of an interval can limit
+    the gain, the one with |L| nearest to 1.
     """
     up: list[arb] = []  # values of 1/|L| > 1; `down` has values of |L| > 1
     down: list[arb] = []
@@ -193,7 +197,10 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
 
 
 def _first_odd(near: _End, far: _End) -> int | None:
-    """First odd value of arg L/pi strictly between two frequencies, counted from `near`; None if there is none."""
+    """First odd integer that arg L/pi takes between `near` and `far`, counted from `near`; None if it takes none.
+
+    The values at the ends do not count.
+    """
     if near.half_turns is None:
         return None  # phase crossovers accumulate at infinity; the limit of |L| there is a gain limit of its own
     rising = far.half_turns is not None and float(far.half_turns.mid()) > float(near.half_turns.mid())
@@ -213,7 +220,7 @@ def _first_odd(near: _End, far: _End) -> int | None:
 def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
     """Frequency between `start` and `end` at which arg L = `odd` pi, found by Newton's method.
 
-    The sign of arg L - `odd` pi changes within the ball returned; _TooWideError if that is not shown.
+    It is proved that arg L - `odd` pi changes sign within the returned ball; _TooWideError if this proof fails.
     """
     first, last = (-math.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end))
     found = phase_crossover(response, float(start.omega.mid()), float(end.omega.mid()), first, last, odd)
@@ -226,7 +233,7 @@ def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> ar
 
 
 def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
-    """Least |phase margin|, deg, and least delay margin, s, over all gain crossovers."""
+    """Smallest abs(phase margin), deg, and smallest delay margin, s, over all gain crossovers."""
     phases, delays = [], []
     for omega, _ in response.exact.frequencies(GAIN, bits):
         half = response.exact.argument(omega) / arb.pi()
@@ -244,7 +251,7 @@ def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
 
 
 def _peaks(response: Response, margins: Margins, bits: int) -> tuple[tuple[arb, arb], int]:
-    """Ms and Mt, and the number of parts of the axis that their bounds needed."""
+    """Ms and Mt, and the number of intervals into which the frequency axis was divided to bound them."""
     if response.dead_time > 0:
         cover = _Cover(response, margins, bits)
         return cover.peaks(), cover.parts
@@ -253,7 +260,7 @@ def _peaks(response: Response, margins: Margins, bits: int) -> tuple[tuple[arb, 
 
 
 class _Cover:
-    """Division of the frequency axis into parts with bounds on |S| and |T|."""
+    """Division of the frequency axis into intervals with bounds on |S| and |T|."""
 
     def __init__(self, response: Response, margins: Margins, bits: int) -> None:
         self._response, self._bits = response, bits
@@ -266,7 +273,7 @@ class _Cover:
         self.parts = 0
 
     def peaks(self) -> tuple[arb, arb]:
-        """Ms and Mt: balls from an attained value to a bound that no part exceeds."""
+        """Ms and Mt as balls, from a value that |S| or |T| attains to a bound proved on the whole frequency axis."""
         attained = [self._peak(shape, omega) for shape, omega in zip(SHAPES[:2], self._frequencies, strict=True)]
         self._most = [value.upper() * (1 + _ABOVE) for value in attained]
         for start, end, _ in _pieces(self._response, self._bits):
@@ -274,7 +281,7 @@ class _Cover:
         return attained[0].union(self._most[0]), attained[1].union(self._most[1])
 
     def _peak(self, shape: tuple[float, float], omega: float) -> arb:
-        """Peak of |S| or |T| near a frequency, or the limit at 0 or infinity."""
+        """Peak of |S| or |T| near the frequency `omega`, rad/s; for 0 or infinity the limit there."""
         if 0 < omega < math.inf:
             found, peak = self._response.exact.peak(*shape, omega * (1 - _BESIDE), omega, omega * (1 + _BESIDE))
             self._near += [found * (1 + side * away) for side in (-1, 1) for away in _NEAR_PEAK.tolist()]
@@ -283,14 +290,18 @@ class _Cover:
         return abs((shape[0] * den + shape[1] * num) / (num + den))
 
     def _fraction_at(self, omega: float) -> tuple[arb, arb]:
-        """Limit of L at frequency 0 or infinity as a fraction; with dead time L at infinity has every phase."""
+        """Limit of L at frequency 0 or infinity as numerator and denominator.
+
+        With dead time L has no limit at infinity, because its phase takes every value. The result is then -|G(inf)|,
+        the value nearest to -1.
+        """
         if omega == 0:
             return arb(self._response.exact.numerator[0]), arb(self._response.exact.denominator[0])
         through = self._response.exact.through
         return arb(-abs(through) if self._response.dead_time > 0 else through), arb(1)
 
     def _cover(self, start: _End, end: _End) -> None:
-        """Divide a piece until |S| and |T| are provably below their bounds on every part."""
+        """Divide the interval from `start` to `end` until |S| and |T| are proved to be below their bounds on it."""
         inside = sorted((w.mid() for w in self._near if start.omega < w < end.omega), key=float)
         edges = [start, *(self._end(w) for w in inside), end]
         left = list(pairwise(edges))
@@ -307,7 +318,10 @@ class _Cover:
         return _End(omega, math.nan, self._response.exact.argument(omega) / arb.pi())
 
     def _below_to_second_order(self, low: arb, high: arb) -> bool:
-        """True if value and slope in the middle and a bound on the second derivative prove |S| and |T| low enough."""
+        """True if |S| and |T| are proved to be below their bounds between two frequencies.
+
+        The proof uses value and slope in the middle and a bound on the second derivative.
+        """
         if not (low > 0 and high.is_finite()):
             return False
         middle = ((low + high) / 2).mid()
@@ -335,7 +349,10 @@ class _Cover:
         )
 
     def _below_in_box(self, low: _End, high: _End) -> bool:
-        """True if |1 + L|^2 >= 1 + m^2 - 2 m c proves |S| and |T| low enough; m = |L|, cos(arg L) >= -c."""
+        """True if |S| and |T| are proved to be below their bounds between two frequencies.
+
+        The proof uses |1 + L|^2 >= 1 + m^2 - 2 m c with m = |L| and cos(arg L) >= -c.
+        """
         sizes = [self._size_at(one.omega) for one in (low, high)]
         c = _towards_minus_one(low.half_turns, high.half_turns)
         inverses = [arb.pos_inf() if size.is_zero() else 1 / size if size.is_finite() else arb(0) for size in sizes]
@@ -343,7 +360,7 @@ class _Cover:
         return all(square > 0 and 1 / square.sqrt() < most for square, most in zip(squares, self._most, strict=True))
 
     def _size_at(self, omega: arb) -> arb:
-        """|L| at an end of a part, or its limit at 0 or infinity."""
+        """|L| at a frequency, or the limit of |L| at 0 or infinity."""
         if omega > 0 and omega.is_finite():
             at = next((size for one, size in self._on_axis if omega.overlaps(one)), None)
             return abs(self._response.exact.value(omega)[0]) if at is None else at
@@ -352,7 +369,7 @@ class _Cover:
 
 
 def _towards_minus_one(first: arb | None, second: arb | None) -> arb:
-    """Largest -cos(arg L) between two phases, given as arg L/pi."""
+    """Largest value of -cos(arg L) for arg L/pi from `first` to `second`."""
     if first is None or second is None:
         return arb(1)
     lowest, highest = ((first.min(second) - 1) / 2).ceil(), ((first.max(second) - 1) / 2).floor()
@@ -360,7 +377,7 @@ def _towards_minus_one(first: arb | None, second: arb | None) -> arb:
 
 
 def _least_square(sizes: Sequence[arb], c: arb) -> arb:
-    """Lower bound on 1 + m^2 - 2 m c for m between the sizes."""
+    """Lower bound on 1 + m^2 - 2 m c for m between the two `sizes`."""
     low, high = sizes[0].min(sizes[1]), sizes[0].max(sizes[1])
     candidates = [1 + m * (m - 2 * c) for m in (low, high) if m.is_finite()]
     if not (c <= low or c >= high):
@@ -369,7 +386,7 @@ def _least_square(sizes: Sequence[arb], c: arb) -> arb:
 
 
 def _between(low: _End, high: _End) -> arb:
-    """Frequency, rad/s, at which a part of the axis is divided."""
+    """Frequency, rad/s, at which the interval from `low` to `high` is divided."""
     if not low.omega > 0:
         middle = high.omega.mid() / _STEP_OUT if high.omega.is_finite() else arb(1)
     elif not high.omega.is_finite():
@@ -383,20 +400,20 @@ def _between(low: _End, high: _End) -> arb:
     return middle
 
 
-# -- loops with internal delays: mean-value bounds on parts of the axis ---------------------------------------------
+# -- loops with internal delays: mean-value bounds on frequency intervals -------------------------------------------
 
 Terms = Sequence[tuple[float, Iterable[float]]]
-"""Sum of polynomials times exp(-delay s): delays, s, and coefficients in descending powers of s."""
+"""Terms of a sum of polynomials times exp(-delay s): pairs of delay, s, and coefficients in descending powers of s."""
 
 # First division: number of parts with equal ratio of their ends, and lowest end as a fraction of the highest frequency
 _FIRST_PARTS, _LOWEST = 64, 1e-6
 _APART = 1.5  # least ratio of |D + N| at the middle of a part to its change over half the part; D + N turns < 90 deg
-_MOST_DELAYED = 20_000  # parts of the axis; each takes some thousand ball operations
+_MOST_DELAYED = 20_000  # largest number of frequency intervals; each takes some thousand ball operations
 _HALVINGS = 8  # bisections of a bracket in addition to `DOUBLE_BITS`
 
 
 class _Sum:
-    """Sum of polynomials times exp(-delay s), divided by s^removed, evaluated on the imaginary axis in balls."""
+    """Sum of polynomials times exp(-delay s), divided by s^removed; evaluated in ball arithmetic at s = j omega."""
 
     def __init__(self, terms: Terms, removed: int) -> None:
         given = [(fraction(delay), fmpq_poly([fraction(c) for c in reversed(list(row))])) for delay, row in terms]
@@ -412,7 +429,7 @@ class _Sum:
         self._balls: dict[int, list[list[tuple[arb, acb_poly]]]] = {}
 
     def _bare(self, s: acb, order: int) -> acb:
-        """Derivative of the sum before division by s^removed."""
+        """Derivative, of the given `order`, of the sum that is not divided by s^removed."""
         if ctx.prec not in self._balls:
             self._balls[ctx.prec] = [
                 [(arb(tau), acb_poly(arb_poly(one))) for tau, one in each] for each in self.derivatives
@@ -428,7 +445,7 @@ class _Sum:
         return value, acb(0, 1) * (self._bare(s, 1) / s**r - r * value / s)
 
     def over(self, low: arb, high: arb) -> _Part:
-        """Value at the middle of a part, and enclosures of values and derivatives on all of it."""
+        """Value at the middle frequency; enclosures of values and derivatives on the interval from `low` to `high`."""
         middle, r = ((low + high) / 2).mid(), self.removed
         value, rate = self.at(middle)
         if r and high * self._longest < 1:  # near 0: a divided difference is a mean of the derivative
@@ -442,14 +459,14 @@ class _Sum:
         return _Part(value, value + rates * offset, rates)
 
     def total(self, omega: arb) -> arb:
-        """Bound on the magnitude at a frequency, before division by s^removed: the magnitudes of all terms added."""
+        """Upper bound on the magnitude of the sum that is not divided by s^removed: sum of the terms' magnitudes."""
         return sum(
             (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
         )
 
 
 class _Part(NamedTuple):
-    """A function of omega: value at the middle of a part; values and derivatives over the part."""
+    """A function on a frequency interval: value at the middle, enclosures of values and derivatives on the interval."""
 
     middle: acb
     values: acb
@@ -457,17 +474,21 @@ class _Part(NamedTuple):
 
     @property
     def square(self) -> tuple[arb, arb]:
-        """Squared magnitude at the middle, and its derivative over the part."""
+        """Squared magnitude at the middle, and enclosure of its derivative on the interval."""
         rates = 2 * (self.values.real * self.rates.real + self.values.imag * self.rates.imag)
         return self.middle.real**2 + self.middle.imag**2, rates
 
 
 def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | None) -> Certificate:
-    """Compute the certificate of L = N/D, sums of delayed polynomials with `removed` zeros divided out at s = 0.
+    """Compute the certificate of L = N/D, where N and D are sums of polynomials times exp(-delay s).
 
-    The axis is divided until mean-value bounds prove the following on each part. D + N does not vanish. |L| crosses 1
-    at most once. |S| and |T| stay below the upper ends of their enclosures. No gain factor inside the gain margins
-    brings L to -1. `margins` of a stable loop give the start values; None for an unstable loop.
+    - num, den: terms of N and D, each a delay in s and coefficients in descending powers of s.
+    - removed: N and D are each divided by s^removed; `num` and `den` are the sums before this division.
+    - margins: start values of the margins; None for an unstable loop.
+
+    The frequency axis is divided until mean-value bounds prove the following on each interval. D + N does not vanish.
+    |L| crosses 1 at most once. |S| and |T| stay below the upper ends of their enclosures. No gain factor inside the
+    gain margins brings L to -1.
     """
     for bits in _BITS:
         with ctx.workprec(bits):
@@ -476,14 +497,14 @@ def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | Non
             except _TooWideError:
                 continue
     raise CertificateError(
-        f"certificate: {_BITS[-1]} bits and {_MOST_DELAYED} parts of the axis do not enclose every margin to a "
+        f"certificate: {_BITS[-1]} bits and {_MOST_DELAYED} frequency intervals do not enclose every margin to a "
         f"relative width of {WIDTH:g}; the loop is near the stability boundary, or has two equally high peaks; "
         "change the gain"
     )
 
 
 class _Delayed:
-    """Certificate of L = N/D from bounds on parts of the axis."""
+    """Certificate of L = N/D from bounds on frequency intervals."""
 
     def __init__(self, num: _Sum, den: _Sum, margins: Margins | None) -> None:
         self._num, self._den, self._margins = num, den, margins
@@ -522,12 +543,18 @@ class _Delayed:
         return Certificate(True, False, 0.0, crossovers, bits, parts, *ends)
 
     def _large_and_negative(self) -> bool:
-        """True if L(0) < -1e9, the value of a rounded integrator; a gain factor below 1e-9 then destabilises."""
+        """True if L(0) < -1e9, the value that an integrator with rounded coefficients has.
+
+        Then a gain factor below 1e-9 destabilises the loop.
+        """
         num, den = self._num.at(arb(0))[0].real, self._den.at(arb(0))[0].real
         return bool(num * den < 0 and abs(den) < WIDTH * abs(num))
 
     def _cover(self) -> tuple[int, int]:
-        """Number of closed-loop poles right of the axis, from the turns of D + N along it, and number of parts."""
+        """Number of closed-loop poles right of the imaginary axis, and number of frequency intervals.
+
+        The number of poles follows from the change of the phase of D + N along the imaginary axis.
+        """
         end = self._end()
         edges = [arb(0), *(end * _LOWEST ** (1 - k / _FIRST_PARTS) for k in range(_FIRST_PARTS)), end]
         left, parts, turned = list(pairwise(edge.mid() for edge in edges)), 0, arb(0)
@@ -548,7 +575,7 @@ class _Delayed:
         return int(count), parts
 
     def _end(self) -> arb:
-        """A frequency beyond which the highest power of D dominates every bound."""
+        """A frequency, rad/s, beyond which the highest power of s in D alone proves `certify_delayed`'s statements."""
         end = arb(1)
         while True:
             lead = abs(self._lead) * end ** (self._order + self._den.removed)
@@ -561,7 +588,7 @@ class _Delayed:
                 raise _TooWideError
 
     def _proved(self, low: arb, high: arb) -> bool:
-        """True if the bounds of `certify_delayed` hold on a part; a gain crossover in it is recorded."""
+        """True if the statements of `certify_delayed` are proved from `low` to `high`; store a gain crossover there."""
         half = (high - low) / 2
         num, den = self._num.over(low, high), self._den.over(low, high)
         both = _Part(*(a + b for a, b in zip(num, den, strict=True)))
@@ -570,7 +597,7 @@ class _Delayed:
         (n, n_rate), (d, d_rate), (f, f_rate) = num.square, den.square, both.square
 
         def sign(value: arb, rate: arb) -> int:
-            """Sign of a function on the whole part, from its value at the middle and its `rate`; 0 if undecided."""
+            """Sign of a function on the interval, from `value` at the middle and derivative `rate`; 0 if undecided."""
             moved = half * abs(rate)
             return 1 if value > moved else -1 if value < -moved else 0
 
@@ -589,7 +616,7 @@ class _Delayed:
         return True
 
     def _off_negative_axis(self, low: arb, high: arb, num: _Part, den: _Part, sign: Callable[[arb, arb], int]) -> bool:
-        """True if L is nowhere real and negative on a part."""
+        """True if L is proved not to be real and negative anywhere from `low` to `high`."""
         if low.is_zero():  # D may vanish at 0: use D without these zeros, which has the same direction
             den = self._direction.over(low, high)
             den = _Part(*(one * acb(0, 1) ** (self._direction.removed - self._den.removed) for one in den))
@@ -599,7 +626,7 @@ class _Delayed:
 
     @cached_property
     def _direction(self) -> _Sum:
-        """D without its zeros at s = 0."""
+        """D divided by s until it does not vanish at s = 0."""
         terms = [
             (nearest_double(tau), [nearest_double(c) for c in reversed(one.coeffs())] or [0.0])
             for tau, one in self._den.derivatives[0]
@@ -614,11 +641,11 @@ class _Delayed:
         return self._num.at(omega)[0] + self._den.at(omega)[0]
 
     def _product(self, omega: arb) -> acb:
-        """L times |D|^2 at j omega."""
+        """L |D|^2 at j omega, which has the phase of L."""
         return self._num.at(omega)[0] * self._den.at(omega)[0].conjugate()
 
     def _gap(self, omega: arb) -> arb:
-        """Difference |N| - |D| at j omega, with the sign of |L| - 1."""
+        """Difference |N| - |D| at j omega; it has the same sign as |L| - 1."""
         return abs(self._num.at(omega)[0]) - abs(self._den.at(omega)[0])
 
     def _angle(self, omega: arb) -> arb:
@@ -629,7 +656,7 @@ class _Delayed:
         return angle
 
     def _bracketed(self, function: Callable[[arb], arb], low: arb, high: arb) -> arb:
-        """Ball that contains the sign change of a function between two frequencies."""
+        """Ball that contains the frequency between `low` and `high` at which `function` changes sign."""
         below = function(low)
         if not below * function(high) < 0:
             raise _TooWideError
@@ -642,7 +669,7 @@ class _Delayed:
         return low.union(high)
 
     def _factor(self, factor: float, omega: float) -> arb:
-        """Gain margin as a ball, from its value and frequency in doubles."""
+        """Gain margin as a ball, from the margin `factor` and its frequency `omega`, rad/s, in double precision."""
         if not math.isfinite(omega):
             if factor > 0:
                 raise CertificateError(
@@ -657,7 +684,7 @@ class _Delayed:
         return abs(self._den.at(at)[0]) / abs(self._num.at(at)[0])
 
     def _peak(self, kind: int, omega: float) -> arb:
-        """|S| or |T| at the frequency of its peak in doubles."""
+        """|S| (`kind` 0) or |T| (1) at the frequency `omega`, rad/s, of its peak, computed in double precision."""
         if math.isinf(omega):
             return arb(1 - kind)
         return abs((self._den, self._num)[kind].at(arb(omega))[0]) / abs(self._closed(arb(omega)))

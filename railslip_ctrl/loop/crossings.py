@@ -1,8 +1,8 @@
 """Gain crossovers, phase crossovers and extrema of a loop L(s) = G(s) exp(-tau s).
 
-Gain crossovers and the extrema of |L| and of its phase are roots of polynomials, isolated exactly (`ExactLoop`).
-They divide the frequency axis into pieces, on each of which |L| and the phase are monotone. The phase at both ends of a
-piece therefore gives the number of its phase crossovers; each is then refined to the last bits (`monotone_root`).
+Gain crossovers and the extrema of |L| and of its phase are roots of exact polynomials (`ExactLoop`). They divide the
+frequency axis into intervals (`Piece`) on which |L| and the phase are monotone. The phase at both ends of an interval
+therefore gives the number of its phase crossovers; each of them is refined to rounding (`monotone_root`).
 """
 
 from __future__ import annotations
@@ -48,11 +48,14 @@ def bracketed_roots(
     high: Floats,
     ends: tuple[Floats, Floats] | None = None,
 ) -> Floats:
-    """Roots of `function` in the brackets [low, high], to the last bits of a double.
+    """Find one root of a function in each of n brackets, to the last bits of a double.
 
-    `function(x, index)` gives f at x for the brackets with the numbers `index`; x and index have one shape. f should
-    have opposite signs at the ends, (n,); otherwise the end with the smaller |f| is returned. `ends` are the values of
-    f at the ends, if known. Chandrupatla's method: Advances in Engineering Software 28(3), 1997, pp. 145-149.
+    - function: `function(x, index)` gives f(x), where x[i] lies in bracket number index[i].
+    - low, high: ends of the brackets, (n,).
+    - ends: values of f at `low` and at `high`, (n,) each; they are computed if not given.
+
+    If f has the same sign at both ends of a bracket, the end with the smaller |f| is returned. Chandrupatla's method:
+    Advances in Engineering Software 28(3), 1997, pp. 145-149.
     """
     if low.size == 0:
         return low
@@ -88,7 +91,11 @@ def bracketed_roots(
 
 
 def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f3: Floats, least: Floats) -> Floats:
-    """Next point as a fraction of [x1, x2]: inverse quadratic interpolation if reliable, else the middle."""
+    """Next point of Chandrupatla's method in the bracket [x1, x2], as a fraction of the bracket.
+
+    It is found by inverse quadratic interpolation through three points, or is the middle if that is not reliable. The
+    fraction is at least `least` and at most 1 - `least`.
+    """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         of12, of13, of32 = f1 - f2, f1 - f3, f3 - f2
         xi, phi = (x1 - x2) / (x3 - x2), of12 / of32
@@ -101,10 +108,10 @@ def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f
 def monotone_root(
     function: Callable[[float], tuple[float, float]], start: float, low: float, high: float, side: float
 ) -> float:
-    """Root of `function` in [low, high], to rounding, by Newton's method confined to the bracket.
+    """Find the root of a monotone function between `low` and `high`, to rounding, by Newton's method.
 
-    `function` gives f and df/dx; `start` is the start value. The bracket may begin at 0 and end at infinity; `side` is
-    the sign of f at its lower end.
+    `function` gives f and df/dx; `start` is the start value. `low` may be 0, and `high` may be infinite. `side` is the
+    sign of f at `low`.
     """
     x, width = start, math.inf
     for _ in range(_MOST_STEPS):
@@ -137,11 +144,11 @@ REFINED_BITS = 160  # precision for margins that lose digits in doubles
 MOST_BITS = 4000  #: precision up to which a sign is computed; if it is still undecided, the number counts as zero
 
 GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
-"""Kinds of frequencies: gain crossovers, extrema of |L|, extrema of arg L, zeros and poles of G on the axis."""
+"""Kinds of frequencies: gain crossovers, extrema of |L|, extrema of arg L, zeros and poles on the imaginary axis."""
 
 
 class ExactLoop:
-    """A `Rational` and its `dead_time`, s, as exact polynomials."""
+    """A loop of a `Rational` G(s) = N(s)/D(s) and a `dead_time`, s, as exact polynomials."""
 
     def __init__(self, system: Rational, dead_time: float) -> None:
         self._system = system
@@ -151,7 +158,7 @@ class ExactLoop:
         self._made: dict[int, list[tuple[acb_poly, acb_poly]]] = {}
 
     def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
-        """Pickle the arguments: FLINT's numbers cannot be pickled."""
+        """Pickle the arguments of the constructor, because FLINT's numbers cannot be pickled."""
         return ExactLoop, (self._system, self._given)
 
     @property
@@ -188,21 +195,24 @@ class ExactLoop:
         return bool(next(c for c in gap.coeffs() if c != 0) > 0)
 
     def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
-        """All omega > 0 of a `kind` (`GAIN` ...), rad/s, ascending: balls of relative width 2^-bits, multiplicities."""
+        """All frequencies > 0, rad/s, of a `kind` (`GAIN`, `SIZE`, `PHASE` or `AXIS`), ascending.
+
+        Each is a pair: ball of relative width 2^-bits, and multiplicity.
+        """
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):
                 self._found[kind, bits] = positive_square_roots(self._polynomials[kind])
         return self._found[kind, bits]
 
     def value(self, omega: arb) -> tuple[acb, acb]:
-        """L(j omega) and d ln L/d omega, at the precision of the context."""
+        """L(j omega) and d ln L/d omega, at FLINT's current precision."""
         s, delay = acb(0, omega), arb(self._dead_time)
         (num, den), (num_slope, den_slope) = ([one(s) for one in pair] for pair in self._balls[:2])
         return num / den * (s * -delay).exp(), acb(0, 1) * (num_slope / num - den_slope / den - delay)
 
     @property
     def _balls(self) -> list[tuple[acb_poly, acb_poly]]:
-        """Pairs N, D and their first and second derivatives in balls of the context's precision."""
+        """N and D, their first derivatives and their second derivatives, as balls of FLINT's current precision."""
         if ctx.prec not in self._made:
             both = [(self.numerator, self.denominator)]
             for _ in range(2):
@@ -211,23 +221,24 @@ class ExactLoop:
         return self._made[ctx.prec]
 
     def phase_crossover(self, omega: float, slope: float, odd: int) -> arb:
-        """Refined frequency near `omega`, rad/s, with arg L = `odd` pi; `slope` is d(arg L)/d omega."""
+        """Frequency, rad/s, near `omega` at which arg L = `odd` pi, refined; `slope` is d(arg L)/d omega, s."""
         refined = arb(omega)
         for _ in range(ctx.prec // _BITS_OF_A_STEP + 1):
             refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
         return refined
 
     def size_at(self, a: float, b: float, omega: arb | float) -> arb:
-        """Magnitude |a + b L|/|1 + L| at one frequency, rad/s."""
+        """|a + b L|/|1 + L| at one frequency, rad/s; a = 1, b = 0 give |S|, a = 0, b = 1 give |T|."""
         s = acb(0, omega)
         num, den = (one(s) for one in self._balls[0])
         num *= (s * acb(-self._dead_time)).exp()
         return abs(a * den + b * num) / abs(den + num)
 
     def peak(self, a: float, b: float, low: float, start: float, high: float) -> tuple[arb, arb]:
-        """Frequency, rad/s, and height of the peak of |a + b L|/|1 + L| between `low` and `high`.
+        """Frequency, rad/s, and height of the peak of |a + b L|/|1 + L| between `low` and `high`, rad/s.
 
-        Newton's method from `start` minimises the square of the inverse, nearly a parabola even for a sharp peak.
+        a = 1, b = 0 give |S|, a = 0, b = 1 give |T|. From `start` on, Newton's method minimises |1 + L|^2/|a + b L|^2,
+        which is nearly a parabola even for a sharp peak.
         """
         delay, below, omega, above = arb(self._dead_time), arb(low), arb(start), arb(high)
         for _ in range(_NEWTON_STEPS):
@@ -253,13 +264,19 @@ class ExactLoop:
         return omega, self.size_at(a, b, omega)
 
     def peaks(self) -> list[tuple[arb, float]]:
-        """Suprema over omega >= 0 of |S|, |T| and |S - 1/2| without dead time, and their frequencies, rad/s."""
+        """Suprema of |S|, |T| and |S - 1/2| over all frequencies, and their frequencies, rad/s.
+
+        Only for a loop without dead time.
+        """
         n, d = self.numerator, self.denominator
         below = Axis(n + d).power
         return [largest_root_of_ratio(Axis(one).power, below) for one in (d, n, (d - n) / 2)]
 
     def roots(self) -> tuple[list[acb], list[acb]]:
-        """Zeros and poles of G, at the context's precision or higher; the real part is 0 only on the axis."""
+        """Zeros and poles of G as balls of FLINT's current precision or higher.
+
+        A real part is exactly 0 for a root on the imaginary axis and differs from 0 for every other root.
+        """
         if not self._system.from_coefficients:
             return [acb(root) for root in self._system.zeros], [acb(root) for root in self._system.poles]
         if ctx.prec not in self._roots:
@@ -267,18 +284,18 @@ class ExactLoop:
         return self._roots[ctx.prec]
 
     def argument(self, omega: arb, side: int = 0) -> arb:
-        """Continuous phase of L(j omega), rad, as `Response.phase`, at the context's precision.
+        """Continuous phase of L(j omega), rad, at FLINT's current precision; the same function as `Response.phase`.
 
-        At a frequency of the kind `AXIS` it is the limit from above (`side` 1) or from below (-1).
+        At a zero or pole on the imaginary axis the phase jumps; `side` 1 gives its value above the jump, -1 below.
         """
         turned = arb.pi() if self._system.gain < 0 else arb(0)
         zeros, poles = (_angle(roots, omega, side) for roots in self.roots())
         return turned + zeros - poles - arb(self._dead_time) * omega
 
     def offset(self, kind: str, index: int) -> tuple[int, float]:
-        """Split arg L/pi at frequency number `index` of a kind into the nearest odd number and the signed rest.
+        """Split arg L/pi into the nearest odd number and the signed rest, at frequency number `index` of a `kind`.
 
-        The rest is 0.0 if `MOST_BITS` cannot distinguish it from zero.
+        The rest is 0.0 if a precision of `MOST_BITS` does not separate it from zero.
         """
         bits = DOUBLE_BITS
         while True:
@@ -309,7 +326,10 @@ class ExactLoop:
 
 
 def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
-    """Continuous argument of prod(j omega - roots), rad, in balls; see `rational.angle_sum`."""
+    """Continuous argument of prod(j omega - roots), rad, in ball arithmetic; see `rational.angle_sum`.
+
+    At a root on the imaginary axis the argument jumps; `side` 1 gives its value above the jump, -1 below.
+    """
     total = arb(0)
     for root in roots:
         away = omega - root.imag
@@ -327,13 +347,13 @@ def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
 # gains 1/|L| grow without bound.
 SMALLEST_LISTED = 1e-2  # phase crossovers with |L| above this are listed, unless the caller gives another value
 _LISTED_ALWAYS = 20  # phase crossovers listed in any case
-_MOST_LISTED = 5_000  # phase crossovers listed on one piece
+_MOST_LISTED = 5_000  # phase crossovers listed on one interval
 _ROUNDING = 1e-15  # rounding of arg L/pi per root and per radian of tau omega; balls decide if an odd number is nearer
 
 
 @dataclass(frozen=True)
 class Response:
-    """Frequency response L(j omega) of G(s) exp(-tau s), with its logarithmic derivatives."""
+    """Frequency response L(j omega) of L(s) = G(s) exp(-tau s), with the derivatives of ln L."""
 
     system: Rational
     dead_time: float
@@ -345,12 +365,15 @@ class Response:
 
     @cached_property
     def gain_crossovers(self) -> Floats:
-        """All omega > 0 with |L(j omega)| = 1, ascending, rad/s, touches included; empty if |L| = 1 everywhere."""
+        """All frequencies > 0 with |L| = 1, rad/s, ascending, also those where |L| only touches 1.
+
+        Empty if |L| = 1 at every frequency.
+        """
         return np.array([float(omega.mid()) for omega, _ in self.exact.frequencies(GAIN)])
 
     @cached_property
     def scales(self) -> Floats:
-        """Nonzero sizes of zeros, poles and gain crossovers, and 1/dead time, rad/s; 1 if there are none."""
+        """Magnitudes > 0 of zeros and poles, gain crossovers, and 1/dead time, rad/s; only 1 if there are none."""
         sizes = np.concatenate([np.abs(self.system.roots), self.gain_crossovers, [1 / (self.dead_time or np.inf)]])
         return sizes[sizes > 0] if np.any(sizes > 0) else np.ones(1)
 
@@ -358,16 +381,19 @@ class Response:
     def crossover_phases(self) -> list[tuple[float, float]]:
         """Split arg L/pi at each of `gain_crossovers` into an odd number and a signed rest in [-1, 1].
 
-        The rest is 0 only if L = -1; balls decide where rounding could matter.
+        The rest is 0 only if L = -1. Ball arithmetic replaces double precision where rounding could matter.
         """
         return self.phases_at_crossovers()
 
     def phases_at_crossovers(self, *, certain: bool = False) -> list[tuple[float, float]]:
-        """Phases as in `crossover_phases`; if `certain`, balls decide all of them."""
+        """Phases as in `crossover_phases`; if `certain`, all of them by ball arithmetic."""
         return [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
 
     def half_turns(self, omega: float, kind: str, index: int, *, certain: bool = False) -> tuple[float, float]:
-        """Split arg L/pi at `omega`, frequency number `index` of a kind, as in `crossover_phases`."""
+        """Split arg L/pi at `omega`, rad/s, into an odd number and a signed rest, as in `crossover_phases`.
+
+        `omega` is frequency number `index` of a `kind`. `certain`: use ball arithmetic in any case.
+        """
         half = self.turned(omega)[0] / math.pi
         odd = 2 * math.floor(half / 2) + 1
         if certain or abs(half - odd) <= self.rounding(omega):
@@ -375,11 +401,11 @@ class Response:
         return odd, half - odd
 
     def rounding(self, omega: Any) -> Any:
-        """Bound on the relative rounding of L and on that of arg L/pi, from all roots and tau omega."""
+        """Bound on the relative rounding error of L; also a bound on the rounding error of arg L/pi."""
         return _ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega)
 
     def log_size(self, omega: float) -> float:
-        """ln|L| at one frequency as a Python float; infinite at zeros and poles."""
+        """ln|L| at one frequency, rad/s, as a Python float; -inf at a zero, inf at a pole."""
         total = math.log(abs(self.system.gain))
         for away, height, _, sign in self._turns:
             distance = math.hypot(away, omega - height)
@@ -387,11 +413,11 @@ class Response:
         return total
 
     def size(self, omega: float) -> float:
-        """|L| at one frequency, limited to finite values > 0."""
+        """|L| at one frequency, rad/s, limited to finite values > 0."""
         return math.exp(min(max(self.log_size(omega), -_LARGEST), _LARGEST))
 
     def phase(self, omega: Floats) -> tuple[Floats, Floats]:
-        """Continuous phase of L, rad, and its derivative."""
+        """Continuous phase of L, rad, and its derivative with respect to omega, s."""
         size, imag, turns, _ = np.array(self._turns).reshape(-1, 4).T
         offset = omega[..., None] - imag
         distance = np.hypot(size, offset)
@@ -399,7 +425,7 @@ class Response:
         return np.asarray(angle), np.asarray((size / distance / distance) @ turns - self.dead_time)
 
     def turned(self, omega: float) -> tuple[float, float]:
-        """Continuous phase and its derivative, as `phase`, at one frequency as Python floats."""
+        """As `phase`, at one frequency and with Python floats."""
         total, slope = self._at_zero - self.dead_time * omega, -self.dead_time
         for away, height, turn, _ in self._turns:
             offset = omega - height
@@ -410,14 +436,21 @@ class Response:
 
     @cached_property
     def _turns(self) -> list[tuple[float, float, float, float]]:
-        """Terms of `turned` for each root: |Re|, Im, direction of its turn, and 1 for a zero or -1 for a pole."""
+        """Data of each zero and pole for `turned`: |Re|, Im, and two signs.
+
+        The first sign is 1 if the phase of this factor rises with frequency, else -1. The second is 1 for a zero and -1
+        for a pole.
+        """
         zeros, poles = self._listed_roots
         pairs = [*((root, 1.0) for root in zeros), *((root, -1.0) for root in poles)]
         return [(abs(root.real), root.imag, -sign if root.real > 0 else sign, sign) for root, sign in pairs]
 
     @cached_property
     def _at_zero(self) -> float:
-        """Constant part of the phase, rad, due to a negative gain and to roots in the right half plane."""
+        """The part of the phase that does not depend on frequency, rad.
+
+        It is due to a negative gain and to zeros and poles in the right half plane.
+        """
         zeros, poles = ([root.real > 0 for root in roots].count(True) for roots in self._listed_roots)
         return math.pi * (float(self.system.gain < 0) + zeros - poles)
 
@@ -437,14 +470,15 @@ class Response:
 
     @cached_property
     def order_at_zero(self) -> int:
-        """Number of zeros of G at s = 0 minus number of its poles there."""
+        """Number of zeros of G at s = 0 minus number of poles of G at s = 0."""
         zeros, poles = self._listed_roots
         return zeros.count(0) - poles.count(0)
 
     def spread(self, low: float, middle: float, high: float) -> tuple[float, float]:
-        """Bounds on the second and third derivative of ln L with respect to ln omega over a part of the axis.
+        """Bounds on the second and third derivative of ln L with respect to ln omega.
 
-        If `low` is 0, the derivatives are with respect to omega and leave out the roots at 0.
+        They hold on the interval from `low` to `high`, rad/s; `middle` is a frequency between these. If `low` is 0, the
+        derivatives are with respect to omega, and zeros and poles at s = 0 are left out.
         """
         s, reach = complex(0, middle), high - middle
         bend = twist = self.dead_time * high if low else 0.0
@@ -480,10 +514,11 @@ class Response:
 
 
 class Piece(NamedTuple):
-    """A part of the frequency axis with monotone |L| and phase, and one sign of |L| - 1.
+    """A frequency interval with monotone |L| and phase, on which |L| - 1 does not change sign.
 
-    - low, high: its ends, rad/s, from 0 to infinity.
-    - size, half_turns: ln|L| and arg L/pi at both ends, or their limits.
+    - low, high: ends of the interval, rad/s, from 0 to infinity.
+    - size, half_turns: (value at `low`, value at `high`) of ln|L| and of arg L/pi; at a pole, a zero, 0 or infinity
+      the limits.
     """
 
     low: float
@@ -493,7 +528,7 @@ class Piece(NamedTuple):
 
 
 def pieces(response: Response) -> list[Piece]:
-    """Pieces of the frequency axis with monotone |L| and phase, ascending, from the exact polynomials of L."""
+    """Divide the frequency axis into ascending intervals with monotone |L| and phase, by the exact polynomials of L."""
     exact, system = response.exact, response.system
     if system.gain == 0:
         return [Piece(0.0, math.inf, (-math.inf, -math.inf), (0.0, 0.0))]
@@ -519,7 +554,10 @@ def pieces(response: Response) -> list[Piece]:
 
 
 def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Limits of ln|L| and arg L/pi as omega tends to 0 and to infinity; the phases are exact multiples of 1/2."""
+    """Limits of (ln|L|, arg L/pi) as omega tends to 0, and as omega tends to infinity.
+
+    arg L/pi is an exact multiple of 1/2, or -inf.
+    """
     zeros, poles, gain = response.system.zeros.tolist(), response.system.poles.tolist(), response.system.gain
     turned, integrators = float(gain < 0), poles.count(0) - zeros.count(0)
     right = sum(root.real > 0 for root in zeros) - sum(root.real > 0 for root in poles)
@@ -536,7 +574,7 @@ def _turned_at_infinity(response: Response) -> float:
 
 
 def frequency_nodes(response: Response) -> Floats:
-    """Frequencies, rad/s, ascending, that resolve every feature of L; for curves and searches, not for decisions."""
+    """Frequencies, rad/s, ascending, that resolve every pole, zero and crossover of L; for plots and searches only."""
     roots = response.system.roots
     low, high = 1e-4 * response.scales.min(), 1e4 * response.scales.max()
     parts = [np.geomspace(low, high, int(16 * np.log10(high / low)) + 2)]
@@ -549,9 +587,9 @@ def frequency_nodes(response: Response) -> Floats:
 
 
 def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = SMALLEST_LISTED) -> list[float]:
-    """Phase crossovers (arg L = pi modulo 2 pi), ascending, rad/s: all with |L| >= `smallest`, and at least 20.
+    """List the phase crossovers (arg L = pi modulo 2 pi), rad/s, ascending.
 
-    `cut` are the `pieces` of the loop.
+    All with |L| >= `smallest` are listed, and in any case the first 20. `cut` are the `pieces` of the loop.
     """
     least, found = math.log(smallest), list[float]()
     for low, high, sizes, turns in cut:
@@ -574,7 +612,10 @@ def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = 
 
 
 def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
-    """Frequency, rad/s, at which arg L/pi is `odd`, between frequencies where arg L/pi is `first` and `last`."""
+    """Frequency, rad/s, between `low` and `high` at which arg L/pi is `odd`.
+
+    `first` and `last` are arg L/pi at `low` and at `high`.
+    """
     target, dead_time = math.pi * odd, response.dead_time
     if math.isinf(high):  # at high frequency the dead time dominates the phase
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
@@ -593,7 +634,10 @@ def phase_crossover(response: Response, low: float, high: float, first: float, l
 
 
 def _until(response: Response, cut: list[Piece], least: float) -> float:
-    """Number of phase crossovers on the last piece until ln|L| falls to `least`; inf if it never does."""
+    """Number of phase crossovers on the last interval up to a frequency at which ln|L| has fallen to `least`.
+
+    inf if ln|L| never falls to `least`.
+    """
     last = cut[-1]
     if last.size[1] >= least:
         return math.inf

@@ -44,10 +44,10 @@ _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or mak
 class Loop(ABC):
     """Base class of loops, continuous or sampled: operators, plots and the interface of python-control's systems.
 
-    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops with exact dead time. Sums, quotients and `feedback` are
-    python-control's frequency-response data at `frequency_response().omega`; `control.margin(loop)` interpolates the
-    same data. For functions of rational systems, as `control.step_response`, use `DeadTimeLoop.to_tf`, a Pade
-    approximation. The loop's own methods are exact.
+    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops with exact dead time. Sums, quotients and `feedback` return
+    python-control's frequency-response data at the frequencies `frequency_response().omega`. `control.margin(loop)`
+    interpolates these data. Functions that need a rational system, for example `control.step_response`, accept
+    `DeadTimeLoop.to_tf`, a Pade approximation. The methods of the loop itself are exact.
     """
 
     __array_ufunc__ = None  # a NumPy number times a loop calls the loop's __rmul__
@@ -63,12 +63,12 @@ class Loop(ABC):
         return 3
 
     def __iter__(self) -> Iterator[Floats]:
-        """Iterate over magnitude, phase (deg) and frequencies (rad/s), the sequence that `control.margin` takes."""
+        """Yield magnitude, phase (deg) and frequencies (rad/s), the sequence that `control.margin` takes."""
         return iter((self._record.magnitude, np.degrees(self._record.phase), self._record.omega))
 
     @property
     def _unsupported(self) -> str:
-        """Error message for functions of python-control that cannot take a loop."""
+        """Error message for a function of python-control that does not accept a loop."""
         pade = ", or loop.to_tf(order), a Pade approximation," if isinstance(self, DeadTimeLoop) else ""
         return (
             f"{type(self).__name__} is not a python-control system; pass loop.frequency_response(omega)"
@@ -78,7 +78,10 @@ class Loop(ABC):
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:
-        """Connect in series with a SISO system without dead time (sampled if the loop is), or multiply the gain."""
+        """Connect in series with a SISO system without dead time, or multiply the gain by a number.
+
+        For a sampled loop the system must be sampled too.
+        """
 
     def __rmul__(self, other: Any) -> Self:
         return self.__mul__(other)
@@ -95,10 +98,10 @@ class Loop(ABC):
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
-        """The loop with its gain multiplied by `factor`, of either sign; InputError if it is not finite."""
+        """The loop with its gain multiplied by `factor`, which may be negative. InputError: `factor` is not finite."""
 
     def __truediv__(self, divisor: Any) -> Any:
-        """Divide the gain by a number; frequency-response data if the divisor is a system or a loop."""
+        """Divide the gain by a number; for a system or loop as divisor return frequency-response data of L/divisor."""
         if hasattr(divisor, "ninputs"):
             return self._record / self._operand(divisor)
         number("divisor", divisor)
@@ -128,7 +131,7 @@ class Loop(ABC):
         return self._record / (1 - self._operand(other) * self._record * sign)
 
     def _operand(self, other: Any) -> Any:
-        """The other operand; a loop is replaced by its frequency-response data at this loop's frequencies."""
+        """Return the other operand; if it is a loop, its frequency-response data at the frequencies of this loop."""
         return other.frequency_response(self._record.omega) if isinstance(other, Loop) else other
 
     @cached_property
@@ -140,17 +143,17 @@ class Loop(ABC):
 
     @abstractmethod
     def response(self, omega: ArrayLike) -> Complexes:
-        """L at finite frequencies `omega`, rad/s: complex, of the same shape."""
+        """L at the frequencies `omega`, rad/s, finite: complex, of the same shape."""
 
     def frequency_response(
         self, omega: ArrayLike | None = None, *, squeeze: bool | None = None
     ) -> FrequencyResponseData:
-        """L as python-control's frequency-response data, accepted by its functions.
+        """L as frequency-response data of python-control, for functions of python-control.
 
-        `loop.response(omega)` gives the plain numbers.
+        `loop.response(omega)` gives L as a plain array.
 
-        - omega: 1-D, rad/s, finite; the default covers every feature of the loop and contains its gain crossovers. With
-          at least two ascending frequencies the data can be interpolated.
+        - omega: 1-D, rad/s, finite; by default over `feature_band`, with the gain crossovers. The data can be
+          interpolated if `omega` has at least two values and ascends.
         - squeeze: as in `control.frequency_response`.
         """
         if omega is None:
@@ -172,36 +175,36 @@ class Loop(ABC):
     @property
     @abstractmethod
     def root_count(self) -> RootCount:
-        """Number of unstable closed-loop poles, and whether some are on the stability boundary."""
+        """Number of unstable closed-loop poles, and `marginal`: true if some are on the stability boundary."""
 
     @property
     @abstractmethod
     def gain_crossovers(self) -> Floats:
-        """All omega > 0 with |L| = 1, rad/s, ascending; also for an unstable loop."""
+        """All frequencies > 0 with |L| = 1, rad/s, ascending; available also for an unstable loop."""
 
     @abstractmethod
     def phase(self, omega: ArrayLike) -> Floats:
         """Continuous phase of L, rad, dead time included; it needs no unwrapping.
 
-        - omega: rad/s, > 0, any shape; up to pi/h for a sampled loop.
+        - omega: rad/s, > 0, any shape; at most pi/h for a sampled loop with period h.
 
         InputError: a frequency that is not finite and positive.
         """
 
     @abstractmethod
     def feature_band(self) -> tuple[float, float]:
-        """Lowest and highest frequency, rad/s, of a band with all features of L; for plots."""
+        """Lowest and highest frequency, rad/s, of a plot that shows all poles, zeros and gain crossovers of L."""
 
     @abstractmethod
     def margins(self) -> Margins:
         """All margins of the loop; see `Margins`.
 
-        Raises UnstableLoopError if the closed loop is unstable, with the number of unstable poles and the stabilising
-        gains.
+        Raises UnstableLoopError if the closed loop is unstable. The error has the number of unstable poles and the
+        interval of stabilising gain factors.
         """
 
     def is_stable(self) -> bool:
-        """True if every closed-loop pole is stable, chains of poles towards infinity included."""
+        """True if every closed-loop pole is stable; of a neutral loop all of its infinitely many poles count."""
         return self.root_count.stable
 
     @property
@@ -210,15 +213,21 @@ class Loop(ABC):
         return self.root_count.right
 
     def bode_plot(self, omega: ArrayLike | None = None) -> Any:
-        """Plot magnitude and phase of L from the first to the last `omega`, rad/s; by default over `feature_band`."""
+        """Plot magnitude and phase of L; return a matplotlib figure.
+
+        The plot reaches from the first to the last frequency of `omega`, rad/s, by default over `feature_band`.
+        """
         return self._drawn("bode", omega)
 
     def nyquist_plot(self, omega: ArrayLike | None = None) -> Any:
-        """Plot L in the complex plane, the whole curve and near -1; a matplotlib figure, `omega` as in `bode_plot`."""
+        """Plot L in the complex plane, once as a whole and once near -1; return a matplotlib figure.
+
+        `omega`, rad/s, as in `bode_plot`.
+        """
         return self._drawn("nyquist", omega)
 
     def nichols_plot(self, omega: ArrayLike | None = None) -> Any:
-        """Plot magnitude against phase of L; a matplotlib figure, `omega` as in `bode_plot`."""
+        """Plot magnitude against phase of L; return a matplotlib figure. `omega`, rad/s, as in `bode_plot`."""
         return self._drawn("nichols", omega)
 
     def _drawn(self, kind: str, omega: ArrayLike | None) -> Any:
@@ -228,7 +237,11 @@ class Loop(ABC):
 
 
 def _system_attribute(name: str, *, delegated: bool) -> property:
-    """Attribute of python-control's systems: from the frequency-response data, or an error that names a replacement."""
+    """Return a property of `Loop` with the name of an attribute of python-control's systems.
+
+    If `delegated`, its value is that of the frequency-response data. Otherwise it raises an AttributeError that lists
+    what to use instead.
+    """
 
     def value(loop: Loop) -> Any:
         if not delegated:
@@ -248,11 +261,11 @@ for _name in (*_DELEGATED, *_REFUSED):
 
 
 def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, float] | None) -> UnstableLoopError:
-    """Error for the margins of an unstable loop.
+    """Return the error that `margins` raises for an unstable loop.
 
-    - kind, poles: kind of the loop and description of its unstable poles.
+    - kind, poles: kind of the loop and description of its unstable poles, for the message.
     - count: number of unstable poles.
-    - usable: stabilising interval of loop-gain factors, or None.
+    - usable: interval of loop-gain factors that stabilise the loop; None if no factor does.
     """
     remedy = "no factor on the loop gain alone stabilises it"
     if usable is not None:
@@ -265,15 +278,15 @@ def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, flo
 class DeadTimeLoop(Loop):
     """The loop transfer function L(s) = G(s) exp(-dead_time s) under unity negative feedback.
 
-    - system: python-control TransferFunction or StateSpace, `Rational`, or a real number; G, continuous-time and SISO,
-      proper. Hidden (cancelled) modes are kept and count for stability.
+    - system: G; python-control TransferFunction or StateSpace, `Rational`, or a real number; continuous-time, SISO and
+      proper. A pole cancelled by a zero (hidden mode) still counts for stability.
     - dead_time: s, >= 0.
 
-    InputError: `system` is not of this form, or the dead time is negative, not finite or not a number.
+    InputError: `system` is of another kind, or the dead time is negative, not finite or not a number.
 
-    Nothing is approximated. Counting the zeros of the quasi-polynomial decides stability ([WaltonMarshall1987]);
-    margins follow from all crossovers, refined to rounding. A neutral loop (as many zeros as poles, with dead time) is
-    stable only if |G(inf)| < 1, and its margins include the limit of infinite frequency.
+    Nothing is approximated. Stability follows from the number of unstable closed-loop poles, counted exactly
+    ([WaltonMarshall1987]). Margins follow from all crossovers, refined to rounding. A neutral loop (as many zeros as
+    poles, with dead time) is stable only if |G(inf)| < 1; its margins include the limit of L at infinite frequency.
     """
 
     system: Rational
@@ -296,7 +309,7 @@ class DeadTimeLoop(Loop):
         return DeadTimeLoop(Rational.from_control(other, "factor") * self.system, self.dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
-        """The loop with `extra` s of added dead time; InputError if the dead time is then negative or not finite."""
+        """The loop with `extra`, s, added to the dead time; InputError if the sum is negative or not finite."""
         return DeadTimeLoop(self.system, self.dead_time + number("extra dead time", extra, "s"))
 
     def pade(self, order: int) -> DeadTimeLoop:
@@ -308,8 +321,8 @@ class DeadTimeLoop(Loop):
     def __call__(self, s: ArrayLike) -> Complexes:
         """L(s) at complex `s`, 1/s, of the same shape; `loop(1j * omega)` is the frequency response, a plain array.
 
-        At a pole, for example 0 with an integrator, the value is inf + 0j, so that S is 0 and T is 1. InputError: `s`
-        is not finite.
+        At a pole, for example at 0 for a loop with an integrator, the value is inf + 0j; then 1/(1 + L) is 0, as it
+        should be. InputError: `s` is not finite.
         """
         s = complexes("s", s)
         if not np.isfinite(s).all():
@@ -325,7 +338,7 @@ class DeadTimeLoop(Loop):
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[0]
 
     def phase_slope(self, omega: ArrayLike) -> Floats:
-        """Slope d(arg L)/d omega of the phase, s (minus the group delay).
+        """Slope d(arg L)/d omega of the phase, s; its negative is the group delay.
 
         - omega: rad/s, > 0, any shape.
 
@@ -379,10 +392,11 @@ class DeadTimeLoop(Loop):
 
     @checked
     def closed_loop_poles(self, count: int = 6) -> Complexes:
-        """The `count` rightmost closed-loop poles, rightmost first, both members of a pair, 1/s.
+        """The `count` rightmost closed-loop poles, rightmost first, 1/s; a conjugate pair counts as two.
 
-        Without dead time the loop has as many poles as G. Raises SpectrumError if the exact root count does not confirm
-        them; InputError for a count outside 1 to 1000, or for an unstable neutral loop, which has no rightmost pole.
+        Without dead time the loop has only as many poles as G. Raises SpectrumError if the exact root count differs
+        from the number of computed poles; InputError for a count outside 1 to 1000, or for an unstable neutral loop,
+        which has no rightmost pole.
         """
         number("count", count, ge=1, le=MOST_POLES)
         if not self.is_well_posed:
@@ -397,9 +411,9 @@ class DeadTimeLoop(Loop):
     # -- responses and figures ----------------------------------------------------------------------------
 
     def step_response(self, time: ArrayLike) -> TimeResponse:
-        """Exact response of the closed loop, output T r, to a unit step of the reference r at t = 0.
+        """Exact response of the closed loop T to a unit step of the reference at t = 0.
 
-        `loop.responses.step_response` takes controller and plant apart and gives the controller's command as well.
+        To get the controller's command too, give controller and plant separately to `loop.responses.step_response`.
 
         - time: array, shape (n,), s, >= 0, ascending; or a float, s, > 0, the end of 1001 equally spaced times from 0.
         """
@@ -416,8 +430,8 @@ class DeadTimeLoop(Loop):
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
         """Interval of loop-gain factors that make the loop stable; None if no factor does.
 
-        It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio. A lower end of 0
-        means that every smaller gain is stable too; the upper end may be inf.
+        The interval contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio. The lower end
+        is 0 if every smaller factor stabilises too; the upper end is inf if every larger factor does.
         """
         interval = self._range_within(self._gain_limits)
         if interval is None or self.is_stable():
@@ -454,7 +468,7 @@ class DeadTimeLoop(Loop):
     def certificate(self) -> Certificate:
         """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
 
-        Raises CertificateError if 4000 bits do not enclose a margin: the loop is too near the stability boundary.
+        Raises CertificateError if 4000 bits do not suffice, because the loop is too near the stability boundary.
         """
         return certify(self._response, self._margins if self.is_stable() else None)
 
@@ -478,7 +492,7 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def _listed(self) -> list[GainLimit]:
-        """Gain limits at all phase crossovers with |L| large enough to bound the stabilising gains."""
+        """Gain limits at the phase crossovers whose |L| is large enough that they can limit the stabilising gains."""
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
             limits = gain_limits(self._response, phase_crossovers(self._response, self._pieces, smallest=smallest))
@@ -489,7 +503,10 @@ class DeadTimeLoop(Loop):
         return limits
 
     def _size_at_unstable_poles(self) -> float:
-        """Largest |L| at frequencies above the slowest unstable open-loop pole; a stabilising gain makes it >= 1."""
+        """Largest |L| at frequencies above 0.3 times the slowest unstable open-loop pole; 1 without unstable pole.
+
+        A gain factor that stabilises makes this value at least 1.
+        """
         sizes = [abs(pole) for pole in self.system.poles.tolist() if pole.real > 0]
         if not sizes or self.system.gain == 0:
             return 1.0
@@ -507,7 +524,7 @@ class DeadTimeLoop(Loop):
         return sorted(limits, key=lambda limit: limit.factor)
 
     def _sharpened(self, limit: GainLimit) -> GainLimit:
-        """Refine a gain limit in balls if rounding of the phase makes it inaccurate."""
+        """Refine a gain limit by ball arithmetic if rounding of the phase makes it inaccurate."""
         omega, response, slope = limit.frequency, self._response, limit.rate.imag
         if slope == 0 or abs(limit.rate.real) * math.pi * response.rounding(omega) <= _SHARP * abs(slope):
             return limit
@@ -518,7 +535,10 @@ class DeadTimeLoop(Loop):
         return limit._replace(factor=factor, frequency=float(frequency))
 
     def _decided(self, limit: GainLimit) -> GainLimit:
-        """Move a gain limit equal to 1 within rounding to the side of 1 on which the exact root count changes."""
+        """Correct a gain limit that equals 1 within rounding.
+
+        The exact root count decides whether the limit is just above or just below 1.
+        """
         away = abs(limit.factor - 1)
         if away > _NEAR_ONE or self.root_count.right > _ALL_LISTED:  # with so many poles neither side is stable
             return limit
@@ -531,7 +551,7 @@ class DeadTimeLoop(Loop):
 
 @dataclass(frozen=True)
 class FrequencyCurve:
-    """Samples of L(j omega) for plots: omega in rad/s, complex response, continuous phase in deg."""
+    """Samples of L(j omega) for plots: omega in rad/s, L as complex numbers, continuous phase in deg."""
 
     omega: Floats
     response: Complexes
@@ -546,7 +566,7 @@ class FrequencyCurve:
 
 @checked
 def frequency_curve(loop: Loop, low: float, high: float) -> FrequencyCurve:
-    """Sample a loop with exact dead time from `low` to `high`, rad/s; gain crossovers are among the points."""
+    """Sample a loop with exact dead time from `low` to `high`, rad/s; the samples include the gain crossovers."""
     _check_band(low, high)
     omega = np.union1d(np.geomspace(low, high, _POINTS), loop.gain_crossovers.clip(low, high))
     return FrequencyCurve(omega, loop.response(omega), np.degrees(loop.phase(omega)))
@@ -568,7 +588,11 @@ class GangOfFour:
 
 @checked
 def gang_of_four(controller: Callable[[Any], Any], plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
-    """Compute the gang of four from `low` to `high`, rad/s; `controller` is C(s), `plant` P with exact dead time."""
+    """Compute the gang of four at frequencies from `low` to `high`, rad/s.
+
+    - controller: C, called with an array of complex s (1/s).
+    - plant: P, with exact dead time.
+    """
     _check_band(low, high)
     omega = np.geomspace(low, high, _POINTS)
     p, c = plant(1j * omega), controller(1j * omega)

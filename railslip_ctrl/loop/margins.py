@@ -37,26 +37,27 @@ _GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase cr
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of a stable loop, each the distance to instability along its own direction.
+    """Margins of a stable loop: how far gain, phase and dead time may change, and peaks of the closed-loop responses.
 
-    - gain_increase, gain_decrease: loop-gain factors > 1 and < 1 at which stability is lost; inf and 0.0 if no factor
-      destabilises.
-    - gain_increase_frequency, gain_decrease_frequency: frequencies of the poles that then become unstable, rad/s;
-      0 for a pole through the origin, inf at infinite frequency (neutral loops), NaN if no factor destabilises.
-    - phase_deg, phase_frequency: smallest phase change, lag or lead, that destabilises, deg, over all gain crossovers,
-      and its crossover, rad/s; inf and NaN without a crossover.
-    - delay_s, delay_frequency: smallest added dead time that destabilises, s, over all gain crossovers, and its
-      crossover, rad/s; inf and NaN without a crossover.
-    - ms, ms_frequency, mt, mt_frequency: peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, to the
-      last bit, and their frequencies, rad/s. (The other margins may differ in the last bits from the enclosures of
-      `DeadTimeLoop.certificate`.)
+    - gain_increase, gain_decrease: factors > 1 and < 1 on the loop gain at which stability is lost; inf and 0.0 if no
+      factor destabilises.
+    - gain_increase_frequency, gain_decrease_frequency: frequencies, rad/s, of the closed-loop poles that are on the
+      stability boundary at these factors; 0 for a pole at the origin, inf for poles at infinity (as in a neutral loop),
+      NaN if no factor destabilises.
+    - phase_deg, phase_frequency: smallest phase lag or lead that destabilises, deg, and the gain crossover at which it
+      does so, rad/s; inf and NaN without a gain crossover.
+    - delay_s, delay_frequency: smallest added dead time that destabilises, s, and the gain crossover at which it does
+      so, rad/s; inf and NaN without a gain crossover.
+    - ms, ms_frequency: peak of |S| = |1/(1 + L)| over all frequencies, a ratio, and its frequency, rad/s.
+    - mt, mt_frequency: peak of |T| = |L/(1 + L)| over all frequencies, a ratio, and its frequency, rad/s. `ms` and `mt`
+      are exact to the last bit; the other margins may have errors in the last bits.
     - disk, disk_frequency: balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and its frequency, rad/s
       ([Seiler2020]): gain and phase may change together within `disk_gain_range` and +-`disk_phase_deg`.
     - gain_crossovers: array, 1-D, rad/s; all frequencies with |L| = 1.
-    - phase_crossovers: array, 1-D, rad/s; frequencies with L real and negative, 0 included. All with |L| >= 1/100 are
-      listed; with dead time infinitely many exist.
-    - phase_margins_deg: array, 1-D; deg, at each gain crossover, in (-180, 180]. Added lag uses up a positive phase
-      margin, added lead a negative one.
+    - phase_crossovers: array, 1-D, rad/s; frequencies at which L is real and negative, 0 included. With dead time
+      infinitely many exist; the list contains all with |L| >= 1/100.
+    - phase_margins_deg: array, 1-D; phase margin at each gain crossover, deg, in (-180, 180]. A positive phase margin
+      is lost by added lag, a negative one by added lead.
     - phase_crossover_gains: array, 1-D; factor 1/|L| at each phase crossover.
     """
 
@@ -81,12 +82,12 @@ class Margins:
 
     @property
     def disk_phase_deg(self) -> float:
-        """Phase change that the disk tolerates at unchanged gain: 2 atan(alpha/2), deg."""
+        """Phase change that the disk margin alpha allows at unchanged gain: 2 atan(alpha/2), deg."""
         return float(np.degrees(2 * np.arctan(self.disk / 2)))
 
     @property
     def disk_gain_range(self) -> tuple[float, float]:
-        """Gain factors that the disk tolerates: ((2 - alpha)/(2 + alpha), its reciprocal)."""
+        """Lowest and highest gain factor that the disk margin alpha allows: (2 - alpha)/(2 + alpha) and its inverse."""
         if self.disk >= 2:
             return 0.0, float("inf")
         ratio = (2 - self.disk) / (2 + self.disk)
@@ -96,8 +97,9 @@ class Margins:
 class GainLimit(NamedTuple):
     """A loop-gain factor at which closed-loop poles are on the imaginary axis.
 
-    `frequency`: frequency of these poles, rad/s. `crossing`: change in the number of unstable poles when the gain grows
-    past the factor. `rate`: d ln L/d omega, s, at a phase crossover.
+    - frequency: frequency of these poles, rad/s.
+    - crossing: change in the number of unstable poles when the gain factor rises beyond `factor`.
+    - rate: d ln L/d omega at `frequency`, s; only for a limit at a phase crossover.
     """
 
     factor: float
@@ -109,7 +111,8 @@ class GainLimit(NamedTuple):
 def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLimit]:
     """Gain limits at the phase crossovers, at frequency 0 and at infinity, ascending.
 
-    From 1 + k L(s) = 0, Re ds/dk has the sign of -d(arg L)/d omega: if the phase falls, a pair moves right.
+    From 1 + k L(s) = 0 it follows that Re ds/dk has the sign of -d(arg L)/d omega. Where the phase of L falls with
+    frequency, a pair of poles therefore moves to the right as the gain factor k rises.
     """
     dc, limits = 0.0 if response.order_at_zero else response.system.dc_gain, list[GainLimit]()
     if -math.inf < dc < 0:
@@ -128,7 +131,10 @@ def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLi
 
 
 def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
-    """Gain limit with poles that come from infinity (chain of a neutral loop, or L(inf) = -1/k), or None."""
+    """Gain limit k at which poles come from infinity; None if there is none.
+
+    Poles come from infinity for k |L(inf)| = 1 in a neutral loop, and for k L(inf) = -1 without dead time.
+    """
     through = response.system.feedthrough
     if through == 0 or (response.dead_time == 0 and through > 0):
         return None
@@ -150,7 +156,8 @@ def compute_margins(
 
     - cut: `pieces` of the loop.
     - rest: arg(-L)/pi at the gain crossovers, in [-1, 1].
-    - limits, listed: gain limits, and the same limits before refinement.
+    - listed: gain limits before refinement.
+    - limits: the same gain limits, refined.
     """
     crossovers = response.gain_crossovers.tolist()
     up = min((g for g in limits if g.factor > 1), key=lambda g: g.factor, default=GainLimit(np.inf, np.nan, 0))
@@ -178,7 +185,10 @@ def compute_margins(
 
 
 def smallest_at(rest: list[float], crossovers: list[float]) -> set[int]:
-    """Indices of the gain crossovers with the smallest phase and delay margin; arguments as in `compute_margins`."""
+    """Indices of the gain crossover with the smallest phase margin and of that with the smallest delay margin.
+
+    `rest`: arg(-L)/pi at the `crossovers`, rad/s.
+    """
     sizes = ([abs(one) for one in rest], _added_dead_times(rest, crossovers))
     return {one.index(min(one)) for one in sizes if one}
 
@@ -189,7 +199,7 @@ def _added_dead_times(rest: list[float], crossovers: list[float]) -> list[float]
 
 
 def smallest_of(values: Iterable[float], frequencies: Iterable[float]) -> tuple[float, float]:
-    """Least of the values and its frequency; infinity and NaN without values."""
+    """Return the smallest of the values and its frequency; infinity and NaN if there are no values."""
     pairs = zip(values, frequencies, strict=True)
     value, omega = min(pairs, key=lambda pair: pair[0], default=(math.inf, math.nan))
     return float(value), float(omega)
@@ -215,7 +225,10 @@ Peaks = list[tuple[float, float]]  #: peaks of |S|, |T| and |S - 1/2|: height an
 
 
 def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Peaks:
-    """Suprema of |S|, |T| and |S - 1/2| over omega >= 0; the search begins where they are largest among `starts`."""
+    """Suprema of |S|, |T| and |S - 1/2| over all frequencies.
+
+    The search for each begins at that frequency of `starts`, rad/s, and of the ends of `cut` where it is largest.
+    """
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
@@ -229,11 +242,12 @@ def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Pea
 
 
 class _PeakSearch:
-    """Search for the peaks of |S|, |T| and |S - 1/2|, with a proof that they are not higher at any frequency.
+    """Search for the peaks of |S|, |T| and |S - 1/2|, with a proof that no frequency has a higher value.
 
-    |S| <= M if and only if M^2 |1 + L|^2 - 1 >= 0. T and S - 1/2 have similar conditions: u P + v N + w >= 0 with
-    P = |1 + L|^2 and N = |L|^2. Where |L| > 1, 1/L replaces L. The frequency axis is divided until the condition is
-    proved on each part: by |L| alone, or by Taylor's formula with a bound on the third derivative.
+    |S| <= M if and only if M^2 |1 + L|^2 - 1 >= 0. In general, each of the three functions is below its peak if
+    u P + v N + w >= 0, where P = |1 + L|^2, N = |L|^2, and the numbers u, v and w depend on the peak. Where |L| > 1,
+    1/L replaces L. The frequency axis is divided until this condition is proved on each interval. The proof uses |L|
+    alone, or Taylor's formula with a bound on the third derivative.
     """
 
     def __init__(self, response: Response, best: Peaks) -> None:
@@ -242,7 +256,10 @@ class _PeakSearch:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Set (u, v, w) of each peak, for L and for 1/L, and the |L| below and above which no peak is higher."""
+        """Compute u, v and w for each peak, once for L and once for 1/L.
+
+        Also compute two limits of |L|: where |L| is below the first or above the second, no higher peak is possible.
+        """
         slack = self._rounding * (self.best[0][0] * self.best[1][0])  # |S| and |T| amplify rounding
         s, t, centred = (max(peak, _NOTHING) * (1 + _PEAK) + slack for peak, _ in self.best)
         of_s, of_t, of_both = (s * s, 0.0, -1.0), (t * t, -1.0, 0.0), (centred * centred + 0.25, -0.5, -0.5)
@@ -252,7 +269,7 @@ class _PeakSearch:
         self._large = max(1 + 1 / s, t / (t - 1) if t > 1 else math.inf, 1 / ratio if ratio > 0 else math.inf)
 
     def climb(self, starts: list[float]) -> None:
-        """Find each peak, starting where |S|, |T| or |S - 1/2| is largest among `starts` (rad/s, ascending)."""
+        """Find each peak, beginning at the frequency of `starts` (rad/s, ascending) where its function is largest."""
         values = [_sizes(self._response, omega) for omega in starts]
         for kind, sizes in enumerate(zip(*values, strict=True)):
             top = sizes.index(max(sizes))
@@ -260,7 +277,11 @@ class _PeakSearch:
                 self._raise(kind, starts[top], [0.0, *starts, math.inf][top : top + 3 : 2])
 
     def _raise(self, kind: int, start: float, between: Sequence[float]) -> None:
-        """Store the peak of function `kind` near `start`, or the value at `start`, if higher than the stored peak."""
+        """Store the peak near `start`, rad/s, or the value at `start`, if it is higher than the stored peak.
+
+        - kind: index of the function in (|S|, |T|, |S - 1/2|).
+        - between: lowest and highest frequency of the search, rad/s.
+        """
         shape, exact = SHAPES[kind], self._response.exact
         low, high = between
         omega = _near_peak(self._response, *shape, low, start, high)
@@ -283,7 +304,7 @@ class _PeakSearch:
             half *= _NARROWER
 
     def cover(self, cut: list[Piece]) -> None:
-        """Prove on every piece of the axis that no higher peak exists; replace a peak if a higher one is found."""
+        """Prove that no interval in `cut` contains a higher peak; replace a stored peak if a higher one is found."""
         left = list[tuple[float, float, float, float]]()  # parts with monotone |L|: ends, rad/s, and |L| at the ends
         ends = sorted({end for both in self._sure for end in both})
         for piece in cut:
@@ -306,14 +327,21 @@ class _PeakSearch:
                 left += [(middle, high, size, last), (low, middle, first, size)]
 
     def _middle(self, low: float, high: float) -> tuple[float, bool]:
-        """Frequency that divides a part of the axis, and whether the part is short enough to try bounds."""
+        """Frequency that divides the interval from `low` to `high`, and True if the interval is short.
+
+        Bounds are tried only on short intervals, because on longer intervals they mostly fail.
+        """
         if math.isinf(high):
             return (_OUTWARD * low or 1 / self._response.dead_time), False
         tried = (high - low) * self._response.dead_time < _MOST_TURNED
         return (math.sqrt(low) * math.sqrt(high), tried and high < _WIDEST * low) if low else (0.5 * high, tried)
 
     def _below(self, kinds: list[int], around: _Around, low: float, middle: float) -> bool:
-        """True if |S|, |T|, |S - 1/2| are below their peaks on a part; a higher value at `middle` becomes the peak."""
+        """True if the functions `kinds` are proved to be below their peaks on the interval of `around`.
+
+        - kinds: indices of the functions in (|S|, |T|, |S - 1/2|).
+        - low, middle: lower end and middle of the interval, rad/s. A higher value at `middle` becomes the peak.
+        """
         rounding = self._response.rounding(middle)
         if rounding > 2 * self._rounding:
             self._rounding = rounding
@@ -327,11 +355,11 @@ class _PeakSearch:
         return True
 
     def _positive(self, kind: int, around: _Around, *, even: bool = False) -> bool:
-        """True if u P + v N + w > 0 is proved on a part of the frequency axis, so no higher peak is there.
+        """True if u P + v N + w > 0 is proved on a frequency interval, so that it contains no higher peak.
 
         - kind: index of the peak in (|S|, |T|, |S - 1/2|).
-        - around: expansion of P and N on this part.
-        - even: whether this part begins at 0 rad/s and the peak is at 0 rad/s.
+        - around: expansion of P and N on this interval.
+        - even: true if the interval begins at 0 rad/s and the peak is at 0 rad/s.
         """
         u, v, w = self._forms[around.inverted][kind]
         (p, p1, p2, p3), (n, n1, n2, n3), half = around.p, around.n, around.half
@@ -344,7 +372,10 @@ class _PeakSearch:
         return convex > 0 and (even or value > slope * slope / (2 * convex))
 
     def _expanded(self, low: float, high: float) -> _Around | None:
-        """Expand P and N in ln omega between two frequencies, in omega if `low` is 0; None if no bound exists."""
+        """Expand P and N about the middle of the interval from `low` to `high`, rad/s.
+
+        The variable is ln omega, or omega if `low` is 0. None if the third derivative has no bound.
+        """
         middle, half = (math.sqrt(low) * math.sqrt(high), 0.5 * math.log(high / low)) if low else (0.5 * high,) * 2
         try:
             value, slope, second = self._response.at(middle)
@@ -377,16 +408,19 @@ class _PeakSearch:
 
 
 class _Around(NamedTuple):
-    """Expansion of P = |1 + L|^2 and N = |L|^2: value and two derivatives in the middle, bound on the third."""
+    """Expansion of P = |1 + L|^2 and N = |L|^2 on a frequency interval.
+
+    `p` and `n` have value, first and second derivative in the middle, and a bound on the third derivative.
+    """
 
     inverted: bool  # true: P and N are those of 1/L
-    half: float  # half width of the part of the axis
+    half: float  # half width of the interval
     p: tuple[float, float, float, float]
     n: tuple[float, float, float, float]
 
 
 def _sizes(response: Response, omega: float) -> tuple[float, float, float]:
-    """Magnitudes |S|, |T| and |S - 1/2| at one frequency; 0 if L overflows."""
+    """Magnitudes |S|, |T| and |S - 1/2| at one frequency, rad/s; 0 if L overflows."""
     with suppress(ArithmeticError):
         loop = response.at(omega)[0]
         s = 1 / (1 + loop)
@@ -395,7 +429,10 @@ def _sizes(response: Response, omega: float) -> tuple[float, float, float]:
 
 
 def _near_peak(response: Response, a: float, b: float, low: float, start: float, high: float) -> float:
-    """Frequency of the peak near `start`, rad/s, by Newton's method in doubles; or of the highest value it found."""
+    """Frequency, rad/s, of the peak of |a + b L|/|1 + L| near `start`, by Newton's method in double precision.
+
+    If the method does not converge, it is the frequency of the highest value found between `low` and `high`, rad/s.
+    """
     omega, least, seen = start, math.inf, start
     with suppress(ArithmeticError):
         for _ in range(_NEWTON_STEPS):
@@ -418,16 +455,17 @@ def _near_peak(response: Response, a: float, b: float, low: float, start: float,
 
 
 def top_of(sizes: Floats, points: Floats) -> Peaks:
-    """Largest of each row of `sizes` and its frequency among `points`, rad/s."""
+    """Largest value in each row of `sizes`, and its frequency in `points`, rad/s."""
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
 
 
 def box_bounds(size: Floats, half_turns: Floats) -> Floats:
     """Upper bounds on |S|, |T| and |S - 1/2| on n frequency intervals, (3, n).
 
-    `size`, `half_turns`: ln|L| and arg L/pi at both ends, (2, n); both functions are monotone on each interval. With
-    |L| = m in [m1, m2] and a phase at least d away from -180 deg, |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d). The bound
-    becomes exact as the interval shrinks to a point.
+    - size, half_turns: ln|L| and arg L/pi at both ends, (2, n). On each interval |L| and the phase are monotone.
+
+    If m = |L| and the phase differs from -180 deg by at least d, then |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d). The
+    bounds become exact as the interval shrinks to a point.
     """
     turns = 0.5 * half_turns - 0.5
     lowest, highest = np.minimum(*turns), np.maximum(*turns)
@@ -461,9 +499,12 @@ def _end_values(response: Response) -> list[Peaks]:
 
 
 def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[float, float] | None:
-    """Interval of loop-gain factors with a stable loop: it contains 1, or is the interval nearest to 1 in ratio.
+    """Interval of loop-gain factors that make the loop stable; None if no factor does.
 
-    `unstable_at_one` is the exact number of unstable poles at factor 1; each limit has the change of this number.
+    It is the interval that contains 1, or else the interval nearest to 1 in ratio.
+
+    - limits: gain limits, ascending.
+    - unstable_at_one: number of unstable poles at factor 1.
     """
     factors = [limit.factor for limit in limits]
     counts = [0, *accumulate(limit.crossing for limit in limits)]
@@ -472,9 +513,10 @@ def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[
 
 
 def by_distance(factors: Iterable[float], counts: Iterable[float]) -> list[tuple[tuple[float, float], float]]:
-    """Nonempty intervals between 0, ascending gain `factors` and infinity, each with its count, nearest to 1 first.
+    """Divide the gain factors from 0 to infinity at `factors`, ascending; return the intervals, nearest to 1 first.
 
-    The interval that contains 1 comes first; the others follow by their ratio to 1.
+    The interval that contains 1 comes first; the others follow by the ratio of their nearer end to 1. `counts` has a
+    number for each interval in ascending order; it is returned with the interval. Empty intervals are left out.
     """
 
     def distance(found: tuple[tuple[float, float], float]) -> float:

@@ -1,8 +1,8 @@
-"""Loops whose controller has internal delays: ratios of quasi-polynomials with any delays.
+"""Loops whose controller has internal delays, for example a dead-time compensator with a model of the dead time.
 
-A dead-time compensator contains a model of the dead time. Its loop is L(s) = N(s)/D(s), where N and D are sums of
-polynomials in s times exp(-delay s). Closed-loop poles are the zeros of N + D, counted exactly by the argument
-principle; margins follow from bounds on ln L between frequencies (`bounded`).
+The loop is L(s) = N(s)/D(s), where N and D are quasi-polynomials: sums of polynomials in s times exp(-delay s), with
+any delays. Closed-loop poles are the zeros of N + D, counted exactly by the argument principle. Margins follow from
+bounds on ln L on frequency intervals (`bounded`).
 """
 
 from __future__ import annotations
@@ -37,9 +37,10 @@ _ROUNDING = 1e-13  # bound on the rounding of F, relative to the sizes of its te
 class QuasiPolynomial:
     """A quasi-polynomial F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
 
-    - terms: sequence of arrays; coefficients of c_0, c_1, ... in descending powers of s, real.
-    - delays: s, >= 0; one per term, 0 for c_0; a single number h stands for 0, h, 2 h, ...
-    - removed: number of zeros at s = 0 divided out of the sum, as in the integral over a delay, (1 - exp(-delay s))/s.
+    - terms: sequence of arrays; real coefficients of the polynomials c_0, c_1, ... in descending powers of s.
+    - delays: s, >= 0; one delay per term, 0 for c_0. A single number h stands for the delays 0, h, 2 h, ...
+    - removed: exponent of s^-removed. The sum must have at least as many zeros at s = 0, as in the transfer function
+      (1 - exp(-delay s))/s of the integral over the last `delay` seconds, with `removed` = 1.
 
     InputError: a coefficient that is not finite, or a delay that is negative or not finite.
     """
@@ -74,12 +75,12 @@ class QuasiPolynomial:
 
     @cached_property
     def bare(self) -> QuasiPolynomial:
-        """The sum before division by s^removed."""
+        """The sum F(s) s^removed, a quasi-polynomial with `removed` = 0."""
         return QuasiPolynomial(self.terms, self.delays)
 
     @cached_property
     def _alone(self) -> QuasiPolynomials:
-        """This quasi-polynomial as `QuasiPolynomials` with n = 1."""
+        """This quasi-polynomial as `QuasiPolynomials` with one member."""
         delays = tuple(np.array([delay]) for delay in self.delays)
         return QuasiPolynomials(tuple(c[None] for c in self.terms), delays, self.removed)
 
@@ -90,7 +91,10 @@ class QuasiPolynomial:
         return QuasiPolynomial([c[0] for c in derivative.terms], self.delays, derivative.removed)
 
     def size(self, radius: Floats | float, left: Floats | float = 0.0, least: Floats | float = 0.0) -> Floats:
-        """Bound on |F| for least <= |s| <= radius and Re s >= -left; all three in 1/s, arrays of one shape."""
+        """Upper bound on |F(s)| for all s with least <= |s| <= radius and Re s >= -left.
+
+        - radius, left, least: 1/s, arrays of one shape or numbers.
+        """
         if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
             with np.errstate(divide="ignore"):
                 far = np.asarray(self.bare.size(radius, left) / np.asarray(least) ** self.removed)
@@ -101,33 +105,33 @@ class QuasiPolynomial:
 
     @cached_property
     def _derivative(self) -> QuasiPolynomial:
-        """Derivative of order `removed` of `bare`."""
+        """The derivative of `bare` of order `removed`."""
         return reduce(lambda one, _: one.slope, range(self.removed), self.bare)
 
     @cached_property
     def _present(self) -> list[tuple[float, Floats]]:
-        """The nonzero terms and their delays."""
+        """Pairs of delay, s, and coefficients, for the terms that are not 0."""
         return [(delay, c) for delay, c in zip(self.delays, self.terms, strict=True) if c.any()]
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
-        """Sum of two quasi-polynomials with the same number of removed zeros."""
+        """Sum of two quasi-polynomials with the same `removed`."""
         terms: dict[float, Floats] = {}
         for delay, c in zip(self.delays + other.delays, self.terms + other.terms, strict=True):
             terms[delay] = np.asarray(np.polyadd(terms.get(delay, np.zeros(1)), c))
         return QuasiPolynomial(list(terms.values()), list(terms), self.removed)
 
     def times(self, polynomial: ArrayLike) -> QuasiPolynomial:
-        """Product F(s) polynomial(s); coefficients in descending powers."""
+        """Product of F(s) and a polynomial with these coefficients, in descending powers of s."""
         return QuasiPolynomial([np.polymul(c, np.asarray(polynomial)) for c in self.terms], self.delays, self.removed)
 
     @property
     def undelayed(self) -> Floats:
-        """Coefficients of the sum with all delays set to 0."""
+        """Coefficients, in descending powers of s, of the sum (without s^-removed) with all delays set to 0."""
         return reduce(lambda a, b: np.asarray(np.polyadd(a, b), dtype=float), self.terms)
 
     @property
     def zeros_at_origin(self) -> int:
-        """Multiplicity of the zero of F at s = 0, to rounding."""
+        """Multiplicity of the zero of F at s = 0; values within rounding of 0 count as 0."""
         count, one = 0, self
         while count <= self.degree and abs(one(0.0)) <= _ROUNDING * one.size(0.0):
             count, one = count + 1, one.slope
@@ -144,7 +148,10 @@ class QuasiPolynomial:
         return bool(self.terms[0][0] != 0 and all(c.size < self.terms[0].size for c in self.terms[1:]))
 
     def count_right(self) -> RootCount:
-        """Number of zeros in the open right half plane; NaN and `marginal` if some are on the imaginary axis."""
+        """Count the zeros of F with positive real part.
+
+        If F has zeros on the imaginary axis, the number is NaN and `marginal` is true.
+        """
         if not self.retarded:
             raise InputError(
                 "quasi-polynomial of neutral type: the highest power of s has a delay; make the loop strictly proper"
@@ -163,7 +170,7 @@ def _polynomial(coefficients: Floats, x: Any) -> Any:
 
 @dataclass(frozen=True)
 class DelayedRatio:
-    """A transfer function N(s)/D(s) of quasi-polynomials with the same number of removed zeros."""
+    """A transfer function N(s)/D(s) of two quasi-polynomials with the same `removed`."""
 
     numerator: QuasiPolynomial
     denominator: QuasiPolynomial
@@ -171,8 +178,8 @@ class DelayedRatio:
     def __post_init__(self) -> None:
         if self.numerator.removed != self.denominator.removed:
             raise InputError(
-                f"delayed ratio: zeros removed at s = 0 are {self.numerator.removed} in the numerator and "
-                f"{self.denominator.removed} in the denominator; remove the same number"
+                f"delayed ratio: removed is {self.numerator.removed} in the numerator and "
+                f"{self.denominator.removed} in the denominator; give both the same value"
             )
 
     def __call__(self, s: ArrayLike) -> Complexes:
@@ -191,13 +198,14 @@ class DelayedRatio:
 class DelayedLoop(BoundedLoop):
     """The loop L = N/D of quasi-polynomials under unity negative feedback.
 
-    - ratio: L = N/D. Common factors of N and D are hidden modes: they are kept and count for stability. N + D must
-      therefore be the characteristic function of plant and controller *as realised*.
+    - ratio: L = N/D. Common zeros of N and D (hidden modes) are not cancelled and count for stability. Therefore give
+      N and D such that N + D is the characteristic function of plant and controller *as realised*.
 
-    InputError: D is not of retarded type, or L does not tend to 0 at infinity.
+    InputError: D is not of retarded type (its highest power of s has a delay), or L does not tend to 0 at infinity.
 
-    The delay margin of `margins` is added dead time in the process; the delays inside the controller do not change.
-    Phase crossovers are listed up to a frequency above which |L| < 1/200, and at least up to 22 * 2 pi/(longest delay).
+    The delay margin is the dead time that may be added in the process while the delays inside the controller stay the
+    same. `margins` lists phase crossovers up to a frequency above which |L| < 1/200, and at least up to
+    22 * 2 pi/(longest delay).
     """
 
     ratio: DelayedRatio
@@ -235,14 +243,14 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def root_count(self) -> RootCount:
-        """Exact number of closed-loop poles in the right half plane; NaN if some are on the imaginary axis."""
+        """Exact number of closed-loop poles with positive real part; NaN if some are on the imaginary axis."""
         return self.characteristic.count_right()
 
     def certificate(self) -> Certificate:
         """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
 
-        It holds for the exact values of the doubles that N and D consist of. Raises CertificateError for a loop too
-        near to the stability boundary.
+        The coefficients and delays of N and D are taken as exact. Raises CertificateError if the loop is too near the
+        stability boundary.
         """
         num, den = (
             [*zip(one.delays, one.terms, strict=True)] for one in (self.ratio.numerator, self.ratio.denominator)
@@ -254,7 +262,10 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def open_loop_unstable_poles(self) -> int:
-        """Zeros of D right of the imaginary axis; zeros at 0 do not count. InputError for other zeros on the axis."""
+        """Number of poles of L (zeros of D) right of the imaginary axis.
+
+        InputError: L has poles on the imaginary axis other than at 0.
+        """
         den = self.ratio.denominator
         count = QuasiPolynomial(den.terms, den.delays, den.removed + den.zeros_at_origin).count_right()
         if count.marginal:
@@ -280,7 +291,7 @@ class DelayedLoop(BoundedLoop):
             return np.asarray(n / d), np.asarray(1j * (n_slope / n - d_slope / d))
 
     def _values(self, omega: Floats) -> list[tuple[Complexes, Complexes]]:
-        """N and D at frequencies, rad/s, with their derivatives with respect to s."""
+        """(N, dN/ds) and (D, dD/ds) at s = j omega; `omega` in rad/s."""
         s = 1j * omega
         return [(one(s), one.slope(s)) for one in (self.ratio.numerator, self.ratio.denominator)]
 
@@ -328,7 +339,11 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def _band(self) -> tuple[float, float]:
-        """Lowest frequency, below all features, and highest one, from which on |L| is certainly small; rad/s."""
+        """Lowest and highest frequency of the computation, rad/s.
+
+        The lowest is far below the smallest root of the polynomials in N and D, and far below 1/(longest delay). Above
+        the highest frequency |L| < 1/200 is certain.
+        """
         num, den = self.ratio.numerator.bare, self.ratio.denominator.bare
         lead, order = abs(den.terms[0][0]), den.degree
         # begin where the highest power of D exceeds each of the other terms, then raise `top` until |L| is small

@@ -1,7 +1,7 @@
-"""Number of unstable zeros of many quasi-polynomials at once.
+"""Number of unstable zeros of many quasi-polynomials at once, by the argument principle.
 
-The zeros are counted by the argument principle: F(j omega) is followed over steps that a bound on its slope proves
-short enough.
+The change of the phase of F(j omega) along the frequency axis gives the number of zeros of F. It is summed over
+intervals on which a bound on dF/ds proves that the phase changes by less than 90 deg from the middle to an end.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ _EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the fi
 class QuasiPolynomials:
     """Arrays of n quasi-polynomials F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
 
-    - terms: sequence of arrays (n, m_k); coefficients of c_k in descending powers of s; c_0 has the highest power.
-    - delays: sequence of arrays (n,); s, >= 0; 0 for c_0.
-    - removed: number of zeros at s = 0 divided out, as in `QuasiPolynomial`.
+    - terms: sequence of arrays (n, m_k); coefficients of the polynomials c_k in descending powers of s. The highest
+      power of all is in c_0.
+    - delays: sequence of arrays (n,), one per term; s, >= 0; 0 for c_0.
+    - removed: exponent of s^-removed, as in `QuasiPolynomial`.
     """
 
     terms: tuple[Floats, ...]
@@ -41,7 +42,7 @@ class QuasiPolynomials:
     removed: int = 0
 
     def at(self, omega: Floats, row: Rows) -> Complexes:
-        """Values F(j omega) of the functions with the indices `row`; omega in rad/s, arrays of one shape."""
+        """Values F(j omega) of the functions number `row`; `omega` in rad/s, arrays of one shape."""
         value, square = np.zeros(omega.size, dtype=complex), -omega * omega
         for c, delay in zip(self.terms, self.delays, strict=True):
             term = _horner(c[:, ::-1][:, ::2], square, row) + 1j * omega * _horner(c[:, ::-1][:, 1::2], square, row)
@@ -61,7 +62,7 @@ class QuasiPolynomials:
 
     @cached_property
     def series(self) -> Floats:
-        """Coefficients of the Taylor series of F about 0, ascending, (n, 12)."""
+        """First 12 coefficients of the Taylor series of F about s = 0, in ascending powers, (n, 12)."""
         count = self.removed + _SERIES
         series = np.zeros((self.longest.size, count))
         for c, delay in zip(self.terms, self.delays, strict=True):
@@ -72,16 +73,16 @@ class QuasiPolynomials:
 
     @cached_property
     def _derivative(self) -> QuasiPolynomials:
-        """Derivatives of order `removed` of `_bare`."""
+        """The derivatives of `_bare` of order `removed`."""
         return reduce(lambda one, _: one.slope(), range(self.removed), self._bare)
 
     @cached_property
     def _bare(self) -> QuasiPolynomials:
-        """The sums before division by s^removed."""
+        """The sums F(s) s^removed, quasi-polynomials with `removed` = 0."""
         return QuasiPolynomials(self.terms, self.delays)
 
     def slope(self) -> QuasiPolynomials:
-        """Derivatives dF/ds as quasi-polynomials; they have one more removed zero than F if F has any."""
+        """Derivatives dF/ds as quasi-polynomials; `removed` is 0 if it is 0 in F, else one more than in F."""
         parts = []
         for c, delay in zip(self.terms, self.delays, strict=True):
             change = -delay[:, None] * c
@@ -93,7 +94,10 @@ class QuasiPolynomials:
         return QuasiPolynomials(tuple(parts), self.delays, self.removed + 1 if self.removed else 0)
 
     def size(self, radius: Floats, row: Rows, least: Floats | float = 0.0) -> Floats:
-        """Bound on |F| for least <= |s| <= radius, 1/s, and Re s >= 0."""
+        """Upper bound on |F(s)| of the functions number `row`, for all s with least <= |s| <= radius and Re s >= 0.
+
+        `radius` and `least`: 1/s.
+        """
         if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
             near = self._derivative.size(radius, row) / math.factorial(self.removed)
             with np.errstate(divide="ignore"):
@@ -101,7 +105,10 @@ class QuasiPolynomials:
         return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
 
     def __add__(self, other: QuasiPolynomials) -> QuasiPolynomials:
-        """Sums of quasi-polynomials with the same number of removed zeros: first terms are added, others appended."""
+        """Sums of quasi-polynomials with the same `removed`.
+
+        The terms without delay, c_0, are added; the other terms of `other` are appended.
+        """
         (one, two), more = (self.terms[0], other.terms[0]), max(self.terms[0].shape[1], other.terms[0].shape[1])
         first = sum(np.pad(c, ((0, 0), (more - c.shape[1], 0))) for c in (one, two))
         terms = (np.asarray(first), *self.terms[1:], *other.terms[1:])
@@ -109,7 +116,7 @@ class QuasiPolynomials:
 
 
 def _horner(c: Floats, x: Any, row: Rows) -> Any:
-    """Values at x of the polynomials with the indices `row`; `c`: coefficients in ascending powers, (n, m)."""
+    """Values at x of the polynomials number `row`; `c` has the coefficients in ascending powers, (n, m)."""
     value = np.zeros_like(x)
     for column in c.T[::-1]:
         value = value * x + column[row]
@@ -117,16 +124,16 @@ def _horner(c: Floats, x: Any, row: Rows) -> Any:
 
 
 def _turn(angle: Floats) -> Complexes:
-    """Rotation exp(-j angle); NumPy's complex exponential takes three times as long."""
+    """exp(-j angle), `angle` in rad; NumPy's complex exponential takes three times as long."""
     value = np.empty(angle.size, dtype=complex)
     value.real, value.imag = np.cos(angle), -np.sin(angle)
     return value
 
 
 def count_right(function: QuasiPolynomials) -> Floats:
-    """Number of zeros right of the axis, NaN if some are on it, (n,).
+    """Number of zeros of each function right of the imaginary axis, (n,).
 
-    On each interval a bound on dF/ds proves that F changes by less than its magnitude at the middle.
+    NaN if zeros are on the axis, or too near it for a decision.
     """
     lead, order = function.terms[0][:, 0], function.terms[0].shape[1] - 1
     sizes = np.zeros((lead.size, order + 1))
@@ -148,9 +155,10 @@ def count_right(function: QuasiPolynomials) -> Floats:
 
 
 def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Complexes, Flags]:
-    """Index of the function, frequency and F of each node; True for each function with a zero on the axis.
+    """Choose frequencies (nodes) from 0 to `top`, rad/s, close enough to follow the phase of each function.
 
-    The nodes reach from 0 to `top`, rad/s. From each node to the next F turns by less than 180 deg.
+    From each node to the next the phase of F changes by less than 180 deg. Return number of the function, frequency and
+    F of each node, and an array that is True for each function with a zero on the axis, or too near it for a decision.
     """
     slope, edges = function.slope(), top[:, None] * _EDGES
     every = np.arange(top.size)

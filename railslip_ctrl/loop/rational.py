@@ -1,8 +1,8 @@
 """Rational SISO transfer functions as zeros, poles and gain; their realisations; Pade approximations of dead time.
 
 G(s) = gain * prod(s - zeros)/prod(s - poles). The factored form keeps full accuracy where expanded polynomials lose
-digits. It also gives the phase of G(j omega) as a *continuous* function of omega in closed form (no unwrapping over a
-grid). Decisions use the exact polynomials of the system as given, with rational coefficients (FLINT).
+digits. It also gives the phase of G(j omega) as a *continuous* function of omega in closed form, without unwrapping.
+Decisions, for example on stability, use exact polynomials with fractions as coefficients (FLINT).
 """
 
 from __future__ import annotations
@@ -32,7 +32,10 @@ _SHARP = 56  # correct bits of a real or imaginary part that is rounded to a dou
 
 
 class Axis:
-    """A polynomial on the imaginary axis, F(j omega) = E(x) + j omega O(x), x = omega^2."""
+    """A polynomial F on the imaginary axis: F(j omega) = E(x) + j omega O(x), with x = omega^2.
+
+    The polynomials E (`even`) and O (`odd`) have the even and the odd powers of F.
+    """
 
     def __init__(self, polynomial: fmpq_poly) -> None:
         coefficients = polynomial.coeffs()
@@ -42,7 +45,7 @@ class Axis:
 
     @property
     def undamped(self) -> fmpq_poly:
-        """Polynomial in x; its positive roots x = omega^2 give the roots j omega of F."""
+        """Polynomial in x; each positive root x = omega^2 gives the roots +-j omega of F."""
         return self.even.gcd(self.odd)
 
     @property
@@ -52,7 +55,7 @@ class Axis:
 
     @property
     def turning(self) -> fmpq_poly:
-        """Numerator |F|^2 d(arg F)/d omega of the phase slope, as a polynomial in x."""
+        """Phase slope d(arg F)/d omega times |F|^2, as a polynomial in x."""
         twice = fmpq_poly([0, 2])
         return (self.odd + twice * self.odd.derivative()) * self.even - twice * self.odd * self.even.derivative()
 
@@ -63,17 +66,17 @@ def fraction(value: float) -> fmpq:
 
 
 def nearest_double(value: fmpq) -> float:
-    """Double nearest to a fraction; `float(fmpq)` needs a python-flint newer than 0.8."""
+    """Double nearest to a fraction; python-flint up to 0.8 has no `float(fmpq)`."""
     return int(value.p) / int(value.q)
 
 
 def coefficients(ascending: Iterable[float | str]) -> fmpq_poly:
-    """Polynomial with ascending coefficients, given as doubles or as text of fractions."""
+    """Exact polynomial from its coefficients in ascending powers: doubles, or fractions as text, for example "1/3"."""
     return fmpq_poly([fmpq(*map(int, c.split("/"))) if isinstance(c, str) else fraction(c) for c in ascending])
 
 
 def expanded(roots: Iterable[complex], gain: float) -> fmpq_poly:
-    """Polynomial gain prod(s - roots); the upper root of a conjugate pair stands for both."""
+    """Exact polynomial gain prod(s - roots); the root with Im > 0 of a conjugate pair stands for both roots."""
     product = fmpq_poly([fraction(gain)])
     for root in roots:
         a, b = fraction(root.real), fraction(root.imag)
@@ -91,9 +94,10 @@ def characteristic_polynomial(a: Floats, *column_and_row: Floats) -> fmpq_poly:
 
 
 def complex_roots(polynomial: fmpq_poly) -> list[acb]:
-    """All roots with multiplicity, in balls of the context's precision or higher.
+    """All roots of a polynomial, as balls of FLINT's current precision or higher; multiple roots are repeated.
 
-    The real part is exactly 0 for roots on the axis only; elsewhere it is as accurate as a double.
+    The real part is exactly 0 for a root on the imaginary axis. For every other root it differs from 0, with at least
+    the relative accuracy of a double.
     """
     if polynomial.degree() < 1:
         return []
@@ -119,21 +123,24 @@ def complex_roots(polynomial: fmpq_poly) -> list[acb]:
 
 
 def rounded_roots(polynomial: fmpq_poly) -> Complexes:
-    """All roots as doubles; roots on the axis stay on it, and pairs are exact conjugates."""
+    """All roots of a polynomial, rounded to doubles.
+
+    Roots on the imaginary axis stay on it, and conjugate pairs remain exact conjugates.
+    """
     with ctx.workprec(DOUBLE_BITS):
         roots = [complex(root.mid()) for root in complex_roots(polynomial)]
     return np.array(sorted(roots, key=lambda root: (abs(root), root.real, root.imag)), dtype=np.complex128)
 
 
 def without(factor: fmpq_poly, polynomial: fmpq_poly) -> fmpq_poly:
-    """Divide a polynomial by every root that it shares with `factor`, with multiplicity."""
+    """Divide `polynomial` by every root, with its multiplicity, that it shares with `factor`."""
     while polynomial.degree() > 0 and (common := polynomial.gcd(factor)).degree() > 0:
         polynomial = polynomial // common
     return polynomial
 
 
 def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
-    """Square roots of the positive real roots, ascending, with multiplicities."""
+    """Square roots of the positive real roots of a polynomial, ascending, each with the multiplicity of the root."""
     if polynomial.degree() < 1:
         return []
     while polynomial[0] == 0:
@@ -149,9 +156,10 @@ def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
 
 
 def _only_root(polynomial: fmpq_poly) -> arb | None:
-    """The positive root of a polynomial with one sign change, in a ball of the context's precision.
+    """The positive root of a polynomial whose coefficients change sign once, as a ball of FLINT's current precision.
 
-    By Descartes' rule the root is the only positive one, and simple. None if Newton's method in doubles fails.
+    By Descartes' rule the polynomial has one positive root, and it is simple. None if Newton's method in double
+    precision fails.
     """
     try:
         terms = [(k, nearest_double(c)) for k, c in enumerate(polynomial.coeffs()) if c != 0]
@@ -181,9 +189,11 @@ def _only_root(polynomial: fmpq_poly) -> arb | None:
 
 
 def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, float]:
-    """Square root of the largest ratio above/below over x >= 0, and the square root of that x.
+    """Supremum of sqrt(above(x)/below(x)) over x >= 0, and sqrt(x) where it is attained.
 
-    `below` is > 0 and of no lower degree than `above`. The second value is infinite if the supremum is a limit.
+    - above, below: polynomials in x. `below` is > 0, and its degree is not lower than that of `above`.
+
+    The second value is infinite if the supremum is the limit for large x.
     """
     found = [(arb(above[k] / below[k]), omega) for k, omega in ((0, 0.0), (below.degree(), math.inf))]
     for omega, _ in positive_square_roots(above.derivative() * below - above * below.derivative()):
@@ -200,15 +210,18 @@ def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, floa
 _LEVEL = 20 * np.finfo(float).eps  # relative rounding of a sum of products of matrix entries, per state
 _PAIRED = 1e-9  # relative distance within which two roots count as a conjugate pair; eigenvalue routines round
 LARGEST_ORDER = 100
-"""Largest order of a Pade approximation; from order 10 on it is exact to rounding up to a few radians of phase."""
+"""Largest order of a Pade approximation.
+
+Already an approximation of order 10 is exact to rounding where the phase of the dead time is at most a few radians.
+"""
 
 
 @dataclass(frozen=True)
 class Rational:
     """A SISO rational transfer function with real coefficients.
 
-    - zeros, poles: array of complex, 1-D; rad/s; complex ones in conjugate pairs. Common factors are kept: a pole
-      cancelled by a zero is still a pole of every closed loop.
+    - zeros, poles: array of complex, 1-D; rad/s; complex values in conjugate pairs. Common zeros and poles are not
+      cancelled: they remain poles of every closed loop.
     - gain: ratio of the leading coefficients.
 
     InputError: more zeros than poles (not proper), or a value that is not a finite number.
@@ -251,7 +264,10 @@ class Rational:
 
     @classmethod
     def _from_exact(cls, num: fmpq_poly, den: fmpq_poly) -> Rational:
-        """Make a transfer function from exact polynomials; rounded roots stay on their side of the axis or on it."""
+        """Make a transfer function from exact polynomials.
+
+        Each zero and pole, rounded to double precision, stays on its side of the imaginary axis, or on the axis.
+        """
         if num.degree() < 0:
             return cls(np.array([]), rounded_roots(den), 0.0)._with(num, den)
         gain = num.leading_coefficient() / den.leading_coefficient()
@@ -262,20 +278,23 @@ class Rational:
         return cls(rounded_roots(num), rounded_roots(den), size)._with(num, den)
 
     def _with(self, num: fmpq_poly, den: fmpq_poly) -> Rational:
-        """Attach the exact polynomials whose roots were rounded."""
+        """Store the exact numerator and denominator, whose rounded roots are `zeros` and `poles`; return self."""
         self.__dict__.update(polynomials=(num, den), from_coefficients=True)
         return self
 
     from_coefficients = False
-    """True if `polynomials` are exact as given; false if `zeros` and `poles` are exact as doubles."""
+    """True if the system was given by polynomials, which are then exact; false if its zeros and poles are exact."""
 
     @cached_property
     def polynomials(self) -> tuple[fmpq_poly, fmpq_poly]:
-        """Exact numerator, gain included, and denominator: as given, or from zeros, poles and gain."""
+        """Exact numerator, gain included, and exact denominator.
+
+        If the system was given by zeros, poles and gain, they are computed from these.
+        """
         return expanded(self.zeros, self.gain), expanded(self.poles, 1.0)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle the coefficients as text: FLINT's numbers cannot be pickled."""
+        """Pickle the coefficients as text, because FLINT's numbers cannot be pickled."""
         state = {"zeros": self.zeros, "poles": self.poles, "gain": self.gain}
         if self.from_coefficients:
             state["polynomials"] = [[str(c) for c in one.coeffs()] for one in self.polynomials]
@@ -292,10 +311,11 @@ class Rational:
     def from_state_space(cls, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> Rational:
         """Make a transfer function from a SISO realisation x' = A x + B u, y = C x + D u.
 
-        Hidden modes are kept as pole-zero pairs. The matrices are taken as exact, with two exceptions: an eigenvalue
-        equal to 0 within rounding is an integrator, and a zero due to rounding alone, far out, is dropped.
+        Hidden modes are kept as pole-zero pairs. The matrices are taken as exact, with two exceptions. An eigenvalue
+        that equals 0 within rounding becomes exactly 0, an integrator. A very large zero that exists only because of
+        rounding is dropped.
 
-        - a, b, c, d: in SI units, n by n, n by 1, 1 by n and 1 by 1.
+        - a, b, c, d: A, B, C and D in SI units, n by n, n by 1, 1 by n and 1 by 1.
 
         InputError: entries that are not finite numbers, or shapes that do not fit.
         """
@@ -322,13 +342,13 @@ class Rational:
     def from_control(cls, system: Any, name: str = "loop", *, period: float | None = None) -> Rational:
         """Make a transfer function from a SISO system of python-control or scipy.signal, or a real number.
 
-        - system: continuous-time, in s; or, with `period`, discrete-time with that dt, in z. If it has a
-          `transfer_function`, as a `PIController` has, that transfer function is used.
+        - system: a continuous-time system in s or, if `period` is given, a discrete-time system in z with this sampling
+          period. If the system has an attribute `transfer_function`, as a `PIController` has, this is used.
         - name: name of the system in error messages.
         - period: sampling period, s; None for continuous time.
 
-        InputError: a system that is MIMO, nonlinear, not proper, or frequency-response data; discrete instead of
-        continuous time or the reverse; another sampling period.
+        InputError: a system that is MIMO, nonlinear, not proper, or frequency-response data; a discrete-time system if
+        `period` is None; a continuous-time system, or another sampling period, if `period` is given.
         """
         if isinstance(system, Rational):
             return system
@@ -378,7 +398,7 @@ class Rational:
     __rmul__ = __mul__
 
     def shifted(self, c: float) -> Rational:
-        """Shifted transfer function G(s + c); `c` is real, rad/s. InputError: `c` is not finite."""
+        """Transfer function G(s + c); `c` is real, rad/s. InputError: `c` is not finite."""
         number("c", c, "rad/s")
         if self.from_coefficients:
             there = coefficients([c, 1.0])
@@ -408,7 +428,7 @@ class Rational:
         return float((self.gain * np.prod(-self.zeros) / np.prod(-self.poles)).real)
 
     def __call__(self, s: ArrayLike) -> Complexes:
-        """Value of G at complex s, any shape; infinite at a pole. InputError: `s` is not numeric."""
+        """G(s) at complex s, rad/s, any shape; infinite at a pole. InputError: `s` is not numeric."""
         s = complexes("s", s)[..., None]
         # zeros and poles alternate so that the running product stays in range for high orders
         paired = self.zeros.size
@@ -429,19 +449,23 @@ class Rational:
         return np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
 
     def log_size(self, omega: Floats) -> Floats:
-        """Logarithm ln|G(j omega)|; shape of `omega`, rad/s."""
+        """ln|G(j omega)|, an array of the shape of `omega`, rad/s."""
         distance = np.hypot(self.roots.real, omega[..., None] - self.roots.imag)  # squares could overflow
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.log(abs(self.gain)) + np.log(distance) @ self.signs)
 
     def log_slope(self, omega: Floats) -> Complexes:
-        """Logarithmic slope d ln G(j omega)/d omega, complex, s; shape of `omega`, rad/s."""
+        """d ln G(j omega)/d omega, complex, s, an array of the shape of `omega`, rad/s."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(1j * ((1 / (1j * omega[..., None] - self.roots)) @ self.signs))
 
 
 def _check_time(name: str, dt: float | bool | None, period: float | None) -> None:
-    """Raise InputError for a discrete-time system if `period` is None, else for one with a dt other than `period`."""
+    """Raise InputError for a system with the wrong sampling period `dt`.
+
+    If `period` is None, `dt` must be None or 0 (continuous time). Otherwise `dt` must equal `period`, s, or be
+    unspecified: None or True.
+    """
     if period is None and dt not in (None, 0):
         raise InputError(f"{name}: a discrete-time system (dt = {dt}) is not accepted; give a continuous one")
     if period is not None and not (dt in (None, True) or math.isclose(dt, period)):
@@ -451,14 +475,17 @@ def _check_time(name: str, dt: float | bool | None, period: float | None) -> Non
 
 
 def angle_sum(roots: Complexes, omega: Floats) -> Floats:
-    """Continuous argument of prod(j omega - roots), rad; a root on the axis counts as one left of it."""
+    """Continuous argument of prod(j omega - roots), rad; roots on the imaginary axis count as roots left of it."""
     real = roots.real
     angle = np.arctan2(omega[..., None] - roots.imag, np.abs(real))
     return np.asarray(np.where(real > 0, np.pi - angle, angle).sum(axis=-1))
 
 
 def _structure(a: Floats, b: Floats, c: Floats) -> tuple[int, int]:
-    """Number of integrators of a realisation, and its relative degree without D; values within rounding are 0."""
+    """Number of integrators of the realisation (a, b, c, 0), and its relative degree.
+
+    Values within rounding of 0 count as 0.
+    """
     from scipy.linalg import matrix_balance
 
     column, size, excess = b, np.abs(b), 0
@@ -469,7 +496,7 @@ def _structure(a: Floats, b: Floats, c: Floats) -> tuple[int, int]:
 
 
 def _zero_multiplicity(a: Floats) -> int:
-    """Algebraic multiplicity of the eigenvalue 0, from the nullity of powers of the matrix."""
+    """Algebraic multiplicity of the eigenvalue 0 of a matrix, from the nullity of powers of the matrix."""
     order, size = int(a.shape[0]), float(np.linalg.norm(a, 2))
     power, multiplicity = np.eye(order), 0
     while size and multiplicity < order:
@@ -486,9 +513,11 @@ def _zero_multiplicity(a: Floats) -> int:
 
 @dataclass(frozen=True)
 class Realisation:
-    """State-space realisation x' = a x + b u, y = c x + d u; in discrete time x[k+1] replaces x'.
+    """SISO state-space realisation x' = a x + b u, y = c x + d u; in discrete time x[k+1] replaces x'.
 
-    - a, b, c, d: shapes (n, n), (n,), (n,) and a float.
+    - a: array, (n, n).
+    - b, c: arrays, (n,).
+    - d: float.
     """
 
     a: Floats
@@ -505,9 +534,9 @@ class Realisation:
 def realise(system: Rational) -> Realisation:
     """Real state-space realisation of `system` with one state per pole, cancelled poles included.
 
-    It is a series of first- and second-order sections with the gain at the output. Each section has its poles in the
-    matrix itself, not in polynomial coefficients: eigenvalues, also double ones, are accurate to rounding. The variable
-    may be s or z.
+    The realisation is a series of first- and second-order sections with the gain at the output. The entries of `a` are
+    real and imaginary parts of the poles, not polynomial coefficients. The eigenvalues of `a`, also double eigenvalues,
+    are therefore accurate to rounding. The variable of `system` may be s or z.
 
     InputError: complex zeros or poles that are not in conjugate pairs.
     """
@@ -527,7 +556,10 @@ def realise(system: Rational) -> Realisation:
 
 
 def _sections(system: Rational) -> Iterator[Realisation]:
-    """Monic sections whose product is the system with gain 1; each zero goes to the section with the nearest pole."""
+    """Yield sections of order 1 or 2 whose product is the system with gain 1.
+
+    Each zero belongs to the section with the nearest pole.
+    """
     zeros, zero_pairs = _split(system.zeros, "zeros")
     poles, pole_pairs = _split(system.poles, "poles")
     for pole in pole_pairs:
@@ -545,7 +577,7 @@ def _sections(system: Rational) -> Iterator[Realisation]:
 
 
 def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
-    """The real roots, and the upper root of each conjugate pair."""
+    """The real roots, and of each conjugate pair the root with Im > 0."""
     real, upper, left = (roots[mask].tolist() for mask in (roots.imag == 0, roots.imag > 0, roots.imag < 0))
     for root in upper:
         partner = _take_nearest(left, root.conjugate()) if left else complex(np.inf)
@@ -558,12 +590,15 @@ def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
 
 
 def _take_nearest(roots: list[complex], to: complex) -> complex:
-    """Remove and return the root nearest to a point."""
+    """Remove from `roots` the root nearest to the point `to`, and return it."""
     return roots.pop(min(range(len(roots)), key=lambda i: abs(roots[i] - to)))
 
 
 def _section(poles: list[complex], zeros: list[complex]) -> Realisation:
-    """Realise prod(s - zeros)/prod(s - poles) with one or two poles, real or a pair, and no more zeros than poles."""
+    """Realise prod(s - zeros)/prod(s - poles) with one or two poles.
+
+    Two poles are real or a conjugate pair. The section has at most as many zeros as poles.
+    """
     through, last = float(len(zeros) == len(poles)), poles[-1]
     level = math.prod((last - zero for zero in zeros), start=1 + 0j).real  # the numerator at a pole
     if len(poles) == 1:
@@ -590,8 +625,9 @@ def pade(dead_time: float, order: int) -> Rational:
     - dead_time: s, >= 0; for 0 s the approximation is 1.
     - order: 1 to 100.
 
-    Coefficient of (tau s)^k: (2n - k)! n!/((2n)! k! (n - k)!), sign (-1)^k in the numerator; see e.g.
-    G. H. Golub, C. F. Van Loan: Matrix Computations, 3rd edition, Johns Hopkins University Press, 1996, p. 572.
+    With the order n, the coefficient of (dead_time s)^k in the denominator is (2n - k)! n!/((2n)! k! (n - k)!); in the
+    numerator it is multiplied by (-1)^k. See for example G. H. Golub, C. F. Van Loan: Matrix Computations, 3rd edition,
+    Johns Hopkins University Press, 1996, p. 572.
     """
     number("Pade order", order, ge=1, le=LARGEST_ORDER)
     number("dead time", dead_time, "s", ge=0)

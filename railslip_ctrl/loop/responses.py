@@ -1,10 +1,11 @@
 """Closed-loop time responses with exact dead time to reference, load, measurement offset and initial state.
 
-The method of steps on Chebyshev points gives each response to rounding, without a Pade approximation. Between multiples
-of the dead time tau the delayed command is a known smooth function; it drives the rest of the loop, a linear
-differential equation without delay ([Bellen2003]). On pieces shorter than every time constant, command and states are
-polynomials to rounding. One constant matrix then maps the nodal values of the command one dead time ago to the present
-ones. Kinks and jumps are at the ends of pieces.
+The method of steps gives each response to rounding, without a Pade approximation ([Bellen2003]). Between multiples of
+the dead time tau the delayed command is a known smooth function. It is the input of the other parts of the loop, which
+are linear differential equations without delay. Time is divided into intervals (pieces) shorter than every time
+constant. On a piece the command and the states are polynomials to rounding, given by their values at Chebyshev points
+(nodes). Therefore one constant matrix computes the command at the nodes from the states at the start of the piece and
+the command one dead time earlier. Where signals jump or have a kink, a piece ends.
 
 Signals, unity negative feedback, L = C G P exp(-tau s)::
 
@@ -41,18 +42,18 @@ _WELL_POSED = 1e-12  # least |1 + L(inf)| without dead time; a smaller one is 0 
 
 @dataclass(frozen=True)
 class TimeResponse:
-    """Signals of a closed loop, all 0 before t = 0; arrays of one shape, one entry per time.
+    """Signals of a closed loop, all 0 before t = 0; arrays of one shape, with one entry for each time.
 
     At a jump a signal has the value after the jump. SI units; in a wheel-slip loop torques are in N*m and slip
     velocities in m/s.
 
     - time: s, ascending.
     - output: y, without measurement noise.
-    - control: u, the controller's command, before the dead time.
+    - control: u, the command of the controller, not delayed.
     - plant_input: q, the input of the plant: the command after dead time and actuator, plus the disturbance.
     - error: e = reference - (output + noise), the input of the controller.
-    - control_rate: du/dt, per s, without the jumps of u. With a biproper controller u jumps at t = 0.
-    - dead_time: s.
+    - control_rate: du/dt, unit of u per s, without the jumps of u. With a biproper controller u jumps at t = 0.
+    - dead_time: s, between controller and actuator.
     - reference, disturbance, noise: heights of the steps at t = 0.
     """
 
@@ -68,7 +69,7 @@ class TimeResponse:
     noise: float
 
     def __iter__(self) -> Iterator[Floats]:
-        """Iterate over time and output, as with python-control's responses: `t, y = loop.step_response(10)`."""
+        """Yield time and output, as the responses of python-control do: `t, y = loop.step_response(10)`."""
         return iter((self.time, self.output))
 
     @property
@@ -78,13 +79,16 @@ class TimeResponse:
 
     @property
     def overshoot(self) -> float:
-        """Largest excess of y over the reference as a fraction of the reference, >= 0; NaN without reference step."""
+        """Largest (y - reference)/reference, at least 0; NaN without a step of the reference."""
         if self.reference == 0:
             return float("nan")
         return max(0.0, float((self.output / self.reference).max()) - 1.0)
 
     def settling_time(self, target: float, band: float) -> float:
-        """First time, s, from which on |y - target| <= band; inf if y is outside at the last time."""
+        """First of the times, s, from which on |y - target| <= band; inf if this does not hold at the last time.
+
+        - target, band: final value and tolerance, in the unit of y.
+        """
         outside = np.flatnonzero(np.abs(self.output - target) > band)
         if outside.size == 0:
             return float(self.time[0])
@@ -105,22 +109,22 @@ def closed_loop_response(
     noise: float = 0.0,
     initial_plant_state: ArrayLike | None = None,
 ) -> TimeResponse:
-    """Response of a loop, stable or not, to steps at t = 0 and to an initial state of the plant.
+    """Compute the response of a loop, stable or not, to steps at t = 0 and to an initial state of the plant.
 
-    - controller, actuator, plant: python-control system, `Rational`, or a real number; C, G and P, proper, each with
-      any poles; the dead time acts between C and G.
-    - dead_time: tau, s, >= 0.
+    - controller, actuator, plant: C, G and P; python-control system, `Rational`, or a real number; each must be proper
+      and may be unstable.
+    - dead_time: tau, s, >= 0, between controller and actuator.
     - time: array, shape (n,); s, >= 0, ascending; the times of the response. Give either this or `final_time`.
     - final_time: s, > 0; end of 1001 equally spaced times from 0.
     - reference, disturbance, noise: heights of the steps of the reference, of the load at the plant's input and of the
       measurement offset.
-    - initial_plant_state: array, shape (order of P,); states of `realise(plant)` at t = 0, for a plant given as
+    - initial_plant_state: array, shape (order of P,); states of `realise(plant)` at t = 0. It requires a plant given as
       `Rational`. `realise(plant).b * J` is the state after an impulse J at the plant's input.
 
-    InputError: a system, dead time, time, height or state that is not allowed; a last time that needs more than 200 000
-    intervals of computation; without dead time, an algebraic loop with L(inf) = -1.
+    InputError: a system, dead time, time, height or state that is not allowed; a last time so large that the
+    computation needs more than 200 000 time intervals; without dead time, an algebraic loop with L(inf) = -1.
 
-    The error is rounding, about 1e-12 of the largest value of the response over 200 dead times.
+    The result has only rounding errors. Over 200 dead times they are about 1e-12 of the largest value of the response.
     """
     dead_time = number("dead time", dead_time, "s", ge=0)
     times = given_times(time, final_time)
@@ -144,17 +148,19 @@ def closed_loop_response(
 
 
 step_response = partial(closed_loop_response, reference=1.0)
-"""Response to a step of the reference; its height is `reference`, by default 1 (unit of y)."""
+"""`closed_loop_response` to a step of the reference; the height of the step, `reference`, is 1 by default (unit of y).
+"""
 
 disturbance_response = partial(closed_loop_response, disturbance=1.0)
-"""Response to a step of the load at the plant's input, after dead time and actuator; its height is `disturbance`, or 1.
+"""`closed_loop_response` to a step of the load at the plant's input, after dead time and actuator.
 
-For a torque at the wheel give the brake's lag as `actuator` and the wheel as `plant`.
+The height of the step, `disturbance`, is 1 by default. For a torque at the wheel give the brake's lag as `actuator` and
+the wheel as `plant`.
 """
 
 
 def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
-    """States of the loop at t = 0: the plant's states, which come last, are `given`; all others are 0."""
+    """States of the loop at t = 0: all 0, except for the states of the plant, which are `given` and come last."""
     start = np.zeros(order)
     if given is None:
         return start
@@ -169,7 +175,7 @@ def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
 
 
 def given_times(time: ArrayLike | None, final_time: float | None) -> Floats:
-    """Times of a response, s, from the list of times or the final time."""
+    """Return the times of a response, s, from the argument `time` or `final_time`, whichever is given."""
     if (time is None) == (final_time is None):
         raise InputError("time, final_time: both or neither is given; give either the times or the final time")
     if time is None:
@@ -182,7 +188,7 @@ def given_times(time: ArrayLike | None, final_time: float | None) -> Floats:
 
 
 def _equations(controller: Rational, actuator: Rational, plant: Rational) -> Equations:
-    """State equations of the loop opened at the dead time; states of controller, actuator and plant in this order."""
+    """State equations of the loop opened at the dead time; the states are those of controller, actuator, then plant."""
     k, g, p = realise(controller), realise(actuator), realise(plant)
     n = k.order + g.order + p.order
     of_k, of_g, of_p = slice(0, k.order), slice(k.order, k.order + g.order), slice(k.order + g.order, n)
@@ -215,9 +221,10 @@ def _equations(controller: Rational, actuator: Rational, plant: Rational) -> Equ
 
 @dataclass(frozen=True)
 class Equations:
-    """State equations of the opened loop, x' = a x + b w + e v and (y, u, q, error) = c x + d w + f v.
+    """State equations of the loop opened at the dead time: x' = a x + b w + e v, signals = c x + d w + f v.
 
-    w(t) = u(t - tau) is the delayed command; v are the steps of reference, disturbance and noise.
+    x are the states, w(t) = u(t - tau) is the delayed command, and v are the heights of the steps of reference,
+    disturbance and noise. The signals are y, u, q and error of `TimeResponse`.
     """
 
     a: Floats
@@ -228,7 +235,7 @@ class Equations:
     f: Floats
 
     def without_delay(self) -> Equations:
-        """Equations without dead time: w = u is eliminated, b and d become 0."""
+        """Equations of the closed loop without dead time: w = u is eliminated, so that b and d are 0."""
         gap = 1.0 - self.d[1]
         if abs(gap) < _WELL_POSED:
             raise InputError(
@@ -246,10 +253,11 @@ class Equations:
         )
 
     def balanced(self) -> tuple[Equations, Floats, float]:
-        """Equations with scaled states, the scales, and a bound on the rate of change of the signals, 1/s.
+        """Equations with scaled states, the scale of each state, and a bound `rate` on the rates of the signals, 1/s.
 
-        A derivative of order k of any signal is at most rate^k times the signal's size over the past dead times. The
-        rate is the spectral radius of |a| + |b c_u|, its least row-sum norm under any scaling.
+        The derivative of order k of a signal is at most rate^k times the largest value of the signal over the past dead
+        times. `rate` is the spectral radius of |a| + |b c_u|, where c_u is the row of c that gives the command u. It is
+        the smallest row-sum norm that a scaling of the states can give this matrix.
         """
         from scipy.linalg import matrix_balance
 
@@ -263,14 +271,17 @@ class Equations:
 
 
 class Marcher:
-    """Time stepping of the loop over short intervals (pieces); values at Chebyshev points represent each signal."""
+    """Time stepping of the loop over short intervals (pieces), with the values of the signals at Chebyshev points."""
 
     def __init__(self, equations: Equations, dead_time: float, steps: Floats) -> None:
         scaled, self._scale, rate = equations.balanced()
         self._equations, self._dead_time, self._steps, self._rate = scaled, dead_time, steps, rate
 
     def run(self, start: Floats, times: Floats) -> tuple[Floats, Floats]:
-        """Compute (y, u, q, error) at the times, shape (4, n), and du/dt."""
+        """Compute y, u, q and error at the times (s, ascending), shape (4, n), and du/dt, shape (n,).
+
+        `start` are the states at t = 0.
+        """
         end = float(times[-1])
         back, length = self._pieces(end)
         if not end / length < _MOST_PIECES:
@@ -298,7 +309,10 @@ class Marcher:
         return 0, min(longest, max(end, 1e-300))
 
     def _march(self, start: Floats, count: int, back: int, nodal: Floats, constant: Floats) -> tuple[Floats, Floats]:
-        """Scaled states at the start of each piece, (count, n), and the delayed command at its nodes."""
+        """Scaled states at the start of each piece, (count, n), and delayed command at the nodes of each piece.
+
+        `back` is the number of pieces in one dead time; `nodal` and `constant` are from `_solution`.
+        """
         eq, n, u = self._equations, start.size, self._equations.c[1]
         back = min(back, count)  # no command arrives later than the last piece
         # [u at the nodes; x at the end] = step [x at the start; w at the nodes] + shift
@@ -316,9 +330,10 @@ class Marcher:
         return states, commands[:count]
 
     def _solution(self, length: float) -> tuple[Floats, Floats]:
-        """Matrices that give x at the nodes: (nodes, n, n + nodes) times [x at the start; w at the nodes] + (nodes, n).
+        """Matrix and constant that give the states at the nodes of a piece: matrix [x0; w at the nodes] + constant.
 
-        Collocation in integrated form, x = x0 + S (a x + b w + e v), avoids differentiation, which amplifies rounding.
+        x0 are the states at the start of the piece. The shapes are (nodes, n, n + nodes) and (nodes, n). The equations
+        are used in integrated form, x = x0 + integral of (a x + b w + e v), because differentiation amplifies rounding.
         """
         eq, n = self._equations, self._equations.a.shape[0]
         integral = 0.5 * length * _INTEGRAL
@@ -332,7 +347,13 @@ class Marcher:
     def _signals(
         self, states: Floats, delayed: Floats, inside: Floats, length: float, nodal: Floats, constant: Floats
     ) -> tuple[Floats, Floats]:
-        """Compute (y, u, q, error) and du/dt at places `inside` (0 to 1) of pieces with these states and commands."""
+        """Compute y, u, q and error, shape (4, n), and du/dt, shape (n,), at n times.
+
+        - states, delayed: for each time, scaled states at the start of its piece and delayed command at the nodes.
+        - inside: position of each time in its piece, 0 to 1.
+        - length: length of a piece, s.
+        - nodal, constant: result of `_solution`.
+        """
         eq = self._equations
         known = np.hstack([states, delayed])
         weights = chebyshev.chebvander(2 * inside - 1, _NODES - 1) @ _TO_SERIES
@@ -358,7 +379,10 @@ def pieces_at(times: Floats, length: float) -> tuple[NDArray[np.intp], Floats]:
 
 
 def _node_matrices() -> tuple[Floats, Floats, Floats]:
-    """Matrices from nodal values on [-1, 1] to Chebyshev series, integral from -1, and derivative."""
+    """Three matrices that act on the values of a function at the nodes on [-1, 1].
+
+    They give the coefficients of its Chebyshev series, its integral from -1 to each node, and its derivative.
+    """
     nodes = -np.cos(np.pi * np.arange(_NODES) / (_NODES - 1))
     to_series = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
     integral = chebyshev.chebvander(nodes, _NODES) @ chebyshev.chebint(to_series, lbnd=-1, axis=0)

@@ -1,11 +1,12 @@
 """Exact loop of a discrete controller, zero-order hold, dead time and continuous plant: `SampledLoop`.
 
-Between samples the command is constant. At the samples the plant is therefore exactly a difference equation, also for a
-dead time that is not a multiple of the period ([Astrom1997] 2):
+Between samples the command u is constant. At the samples the plant is therefore exactly a difference equation, also for
+a dead time that is not a multiple of the period h ([Astrom1997] 2):
 
     x[k+1] = Phi x[k] + Gamma0 u[k-d] + Gamma1 u[k-d-1],    y[k] = C x[k],    dead time = (d + fraction) h
 
-The loop is stable if and only if all eigenvalues of this equation closed by the controller lie inside the unit circle.
+d is an integer, and the fraction is from 0 to 1. This equation and that of the controller form the closed loop. It is
+stable if and only if all its eigenvalues lie inside the unit circle.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ _SAME = 1e-9  # distance of two roots, relative to the margin, below which they 
 class HeldPlant:
     """Sampled plant x[k+1] = (1 + growth) x[k] + gamma0 u[k-periods] + gamma1 u[k-periods-1], y[k] = c x[k].
 
-    - periods, fraction: the dead time is (periods + fraction) h.
-    - a, b: continuous plant x' = a x + b u with time in periods.
+    - periods, fraction: dead time in sampling periods, as the sum of an integer and a fraction.
+    - a, b: the continuous plant x' = a x + b u, with time in sampling periods.
     """
 
     growth: Floats
@@ -65,11 +66,14 @@ class HeldPlant:
 
     @property
     def chain(self) -> int:
-        """Number of past commands among the states."""
+        """Number of past commands that the difference equation needs as states."""
         return self.periods + (1 if np.any(self.gamma1) else 0)
 
     def flow(self, lengths: Floats) -> Floats:
-        """Matrices that advance state and held command by `lengths`, periods: (n, order + 1, order + 1)."""
+        """Matrices that advance the plant by each of the times `lengths`, (n,), in sampling periods.
+
+        The shape is (n, order + 1, order + 1). Each multiplies the vector [states; command]; the command is constant.
+        """
         from scipy.linalg import expm
 
         driven = np.zeros((self.c.size + 1,) * 2)
@@ -79,14 +83,14 @@ class HeldPlant:
 
 @dataclass(frozen=True, init=False, repr=False)
 class SampledLoop(BoundedLoop):
-    """The loop of a discrete controller and a sampled continuous plant, unity negative feedback.
+    """The loop of a discrete controller C and a sampled continuous plant P, with unity negative feedback.
 
-    - controller: python-control or scipy.signal system of that period, `Rational` in z, or a real number; C, proper;
-      u = C (reference - y) at the samples.
-    - plant: python-control or scipy.signal system, or `Rational` in s; P, continuous-time, strictly proper, without
-      dead time.
-    - dead_time: s, >= 0, between the controller's output and the plant: actuator and computation together.
-    - period: h, s, > 0.
+    - controller: C; python-control or scipy.signal system with sampling period `period`, `Rational` in z, or a real
+      number; proper. The command is u = C (reference - y) at the samples.
+    - plant: P without dead time; python-control or scipy.signal system, or `Rational` in s; continuous-time, strictly
+      proper.
+    - dead_time: s, >= 0, between the controller's output and the plant: sum for computation and actuator.
+    - period: sampling period h, s, > 0.
 
     InputError: a system of another kind, a plant that is not strictly proper, or a time out of range.
     """
@@ -113,7 +117,7 @@ class SampledLoop(BoundedLoop):
 
     @property
     def nyquist_frequency(self) -> float:
-        """Upper end of the frequency response, pi/h, rad/s."""
+        """Nyquist frequency pi/h, rad/s, the highest frequency of the response."""
         return math.pi / self.period
 
     def __repr__(self) -> str:
@@ -125,22 +129,22 @@ class SampledLoop(BoundedLoop):
 
     def __mul__(self, other: Any) -> SampledLoop:
         if isinstance(other, Loop):
-            raise InputError("factor: a sampled loop times a loop is not defined; multiply its controller")
+            raise InputError("factor: a sampled loop cannot be multiplied by a loop; multiply its controller instead")
         factor = Rational.from_control(other, "factor", period=self.period)
         return SampledLoop(factor * self.controller, self.plant, self.dead_time, self.period)
 
     def delayed(self, extra: float) -> SampledLoop:
-        """The loop with `extra` s of added continuous dead time."""
+        """The loop with the dead time increased by `extra`, s, which need not be a multiple of the period."""
         return SampledLoop(self.controller, self.plant, self.dead_time + extra, self.period)
 
     # -- stability ----------------------------------------------------------------------------------------
 
     @cached_property
     def closed_loop_matrix(self) -> Floats:
-        """Matrix from one sample to the next with reference 0.
+        """Matrix that gives the states of the closed loop at the next sample, for reference 0.
 
-        The states are those of the plant, the past commands (latest first) and the controller. Raises InputError if
-        the dead time exceeds 500 periods, because the matrix has a row for each of them.
+        The states are those of the plant, the past commands (latest first), and the states of the controller. The
+        matrix has a row for each period of dead time. InputError: the dead time exceeds 500 periods.
         """
         if self.dead_time > MOST_PERIODS * self.period:
             raise InputError(
@@ -173,12 +177,12 @@ class SampledLoop(BoundedLoop):
 
     @checked
     def closed_loop_poles(self, count: int = 6) -> Complexes:
-        """The `count` largest eigenvalues of `closed_loop_matrix` (in z), largest first."""
+        """The `count` closed-loop poles in z with the largest magnitude, largest first."""
         return self._closed_loop_poles[: int(number("count", count, ge=1))]
 
     @cached_property
     def root_count(self) -> RootCount:
-        """Number of closed-loop poles on or outside the unit circle, from eigenvalues in doubles."""
+        """Number of closed-loop poles on or outside the unit circle, from eigenvalues in double precision."""
         sizes = np.abs(self._closed_loop_poles)
         return RootCount(float(np.count_nonzero(sizes >= 1)), bool(np.any(sizes == 1)))
 
@@ -193,7 +197,7 @@ class SampledLoop(BoundedLoop):
         return int(np.count_nonzero(self.controller.poles == 1) + np.count_nonzero(self.plant.poles == 0))
 
     def poles(self) -> Complexes:
-        """Open-loop poles (of L) in z, under the name python-control uses; those at 0 are due to the dead time."""
+        """Poles of L in z, under the name python-control uses; the poles at z = 0 are due to the dead time."""
         plant = np.exp(self.plant.poles * self.period)
         return np.concatenate([self.controller.poles, plant, np.zeros(self.held_plant.chain)])
 
@@ -202,7 +206,7 @@ class SampledLoop(BoundedLoop):
     def __call__(self, z: ArrayLike) -> Complexes:
         """L(z) at complex z, of the same shape; `loop.response(omega)` is the frequency response.
 
-        The value is inf + 0j at 1 with an integrator, and NaN at 0.
+        At z = 1 the value is inf + 0j if the loop has an integrator. At z = 0 the value is NaN.
         """
         z = complexes("z", z)
         at_pole = (z == 1) & (self.integrators > 0)
@@ -218,7 +222,7 @@ class SampledLoop(BoundedLoop):
     def step_response(self, time: ArrayLike) -> TimeResponse:
         """Exact response of the closed loop, also between samples, to a unit step of the reference at t = 0.
 
-        The sample at t = 0 already contains the step. `control` is constant between samples, its `control_rate` 0.
+        The sample at t = 0 already contains the step. `control` is constant between samples; `control_rate` is 0.
 
         - time: array, shape (n,), s, >= 0, ascending; or a float, s, > 0, the end of 1001 equally spaced times from 0.
         """
@@ -244,7 +248,10 @@ class SampledLoop(BoundedLoop):
         )
 
     def _run(self, count: int) -> tuple[Floats, Floats]:
-        """States of the plant at the first `count` samples, and the commands, preceded by a 0 for t < 0."""
+        """States of the plant at the first `count` samples of a step response, and the commands.
+
+        The commands begin with an additional 0, the command for t < 0.
+        """
         if count > MOST_SAMPLES:
             raise InputError(
                 f"time: {count} samples are not allowed; give a time <= {MOST_SAMPLES * self.period:.3g} s"
@@ -314,14 +321,20 @@ class SampledLoop(BoundedLoop):
 
     @cached_property
     def feature_frequencies(self) -> Floats:
-        """Sizes of the poles and zeros of plant and controller, rad/s, without those at frequency 0."""
+        """Magnitudes of the poles and zeros of plant and controller, rad/s; a magnitude of 0 is left out.
+
+        A pole or zero z of the controller is converted to ln(z)/h, with the sampling period h.
+        """
         in_z = np.concatenate([self.controller.zeros, self.controller.poles])
         sizes = [self.plant.zeros, self.plant.poles, np.log(in_z[in_z != 0]) / self.period]
         found = np.abs(np.concatenate(sizes))
         return np.asarray(found[found > 0])
 
     def _plant_response(self, z: Complexes, beyond_one: Complexes) -> tuple[Complexes, Complexes]:
-        """Pulse transfer function of hold, plant and dead time, and its logarithmic derivative with respect to z."""
+        """Pulse transfer function of hold, plant and dead time at z, and the derivative of its logarithm by z.
+
+        `beyond_one` is z - 1, given separately for accuracy near z = 1.
+        """
         held = self.held_plant
         resolvent = beyond_one[..., None, None] * np.eye(held.c.size) - held.growth
         driven = held.gamma0 + held.gamma1 / z[..., None]
@@ -342,7 +355,7 @@ class SampledLoop(BoundedLoop):
         late = max(0.0, self.dead_time - periods * h)
 
         def integral(time: float) -> Floats:
-            """Integral of exp(a s) over [0, time]."""
+            """Integral of exp(a s) for s from 0 to `time`, with the matrix a of the plant."""
             block = np.zeros((2 * p.order, 2 * p.order))
             block[: p.order, : p.order], block[: p.order, p.order :] = p.a * time, np.eye(p.order) * time
             return np.asarray(expm(block)[: p.order, p.order :])
@@ -358,7 +371,7 @@ def check_period(period: float) -> float:
     return number("period", period, "s", gt=0)
 
 
-# -- bounds on ln L over boxes of frequency and fraction of the period, and the delay margin by them -------------------
+# -- bounds on ln L over boxes of frequency and fraction of the period, and the delay margin from these bounds ---------
 
 # With z = exp(j theta), m = 1 - fraction and turns = 1 + whole periods of dead time the response is (the modified
 # z-transform, [Astrom1997] 2)
@@ -376,14 +389,20 @@ def check_period(period: float) -> float:
 
 @dataclass(frozen=True)
 class BoxedExpansion:
-    """Expansion of ln(L z^turns) about the middles of n boxes of theta and fraction.
+    """Expansion of ln(L z^turns) about the middles of n boxes in the plane of theta and fraction.
 
-    - value, slope, drift: array of complex, (n,); the value and its derivatives with respect to theta and to the
+    The frequency is given by z = exp(j theta), theta in rad. The dead time is turns - 1 + fraction sampling periods,
+    where turns is an integer and the fraction is from 0 to 1. The sampled plant has a numerator polynomial in z. It
+    depends on G(m), the states of the plant after m = 1 - fraction periods with command 1.
+
+    - value, slope, drift: array of complex, (n,); ln(L z^turns) and its derivatives with respect to theta and to the
       fraction.
-    - near, signs: reciprocal distances to poles and zeros, (n, roots), and 1 for a zero, -1 for a pole.
-    - taylor: Taylor coefficients of the numerator in z over its value, (n, order + 1).
-    - drifts: the same for the derivative of the numerator with respect to 1 - fraction.
-    - follows: derivatives of the Taylor coefficients with respect to the components of G, (n, order + 1, order).
+    - near: reciprocal distances of z to the poles of L and to the zeros of the controller, (n, number of these).
+    - signs: 1 for a zero and -1 for a pole, for each column of `near`.
+    - taylor: Taylor coefficients of the plant's numerator about z, divided by its value at z, (n, order + 1).
+    - drifts: derivatives of the Taylor coefficients with respect to m, divided by the same value, (n, order + 1).
+    - follows: derivatives of the Taylor coefficients with respect to the components of G(m), divided by the same value,
+      (n, order + 1, order).
     """
 
     of: BoxedResponse
@@ -399,10 +418,13 @@ class BoxedExpansion:
     follows: Complexes
 
     def bounds(self, half: Floats, half_fraction: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """Largest ln|L| in the boxes, largest deviations of ln L and of ln|L| from linear; inf if unbounded.
+        """Upper bounds for each box: on ln|L|, and on the deviations of ln L and of ln|L| from the linear expansion.
 
-        `half` and `half_fraction` are half widths, (n,). The second bound also holds for complex theta in the disk of
-        radius `half`. The third is much smaller at low frequency, where a delay turns L without changing |L|.
+        A bound is inf if none exists. The bound for ln L also holds for complex theta in the disk with radius `half`.
+        At low frequency the bound for ln|L| is much smaller, because a delay turns L without changing |L|.
+
+        - half: half width of each box in theta, rad, (n,).
+        - half_fraction: half width of each box in the fraction, (n,); None for boxes with one fraction only.
         """
         # each power of z - middle is bounded by its size; in the third bound the first power is split along the circle
         reach = np.expm1(half)  # |z - middle|
@@ -432,7 +454,7 @@ class BoxedExpansion:
 
 
 class BoxedResponse:
-    """Expansions of a `SampledLoop`'s response over boxes; time is counted in periods."""
+    """Expansions of ln L of a `SampledLoop` on boxes of theta and fraction; time is in sampling periods."""
 
     def __init__(self, loop: SampledLoop) -> None:
         held = self._held = loop.held_plant
@@ -447,16 +469,19 @@ class BoxedResponse:
         self._slowest = min(np.pi, float(loop.feature_frequencies.min(initial=np.inf)) * loop.period)
 
     def first_edges(self) -> Floats:
-        """First values of theta of the division, from far below the slowest pole or zero to pi."""
+        """Ends of the first intervals of theta, rad, from far below the slowest pole or zero to pi."""
         low = _BELOW_FEATURES * self._slowest
         return np.geomspace(low, np.pi, 2 + int(np.log(np.pi / low) / np.log(_CELL_RATIO)))
 
     def _reached(self, m: Floats) -> Floats:
-        """State G(m) reached with command 1 after m periods, (n, order)."""
+        """States G(m) of the plant, (n, order), after m sampling periods with command 1, beginning at 0."""
         return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:
-        """Bound on the deviation of each component of G from linear within `half` of `fraction`, (n, order)."""
+        """Upper bound on the deviation of each component of G from its linear expansion, (n, order).
+
+        The bound holds where the fraction differs from `fraction`, (n,), by at most `half`, (n,).
+        """
         from scipy.linalg import expm
 
         a, b = self._held.a, self._held.b
@@ -471,7 +496,7 @@ class BoxedResponse:
         return np.asarray(np.maximum(after, before)[:, :, 0])
 
     def expand(self, theta: Floats, fraction: Floats) -> BoxedExpansion:
-        """Expand ln(L z^turns) about the points (theta, fraction), rad per period and ratio, (n,) each."""
+        """Expand ln(L z^turns) about n points (theta, fraction), rad and ratio, each (n,)."""
         held, n, beyond = self._held, self._held.c.size, np.expm1(1j * theta)
         fractions, at = np.unique(fraction, return_inverse=True)
         reached = self._reached(1 - fractions)[at]
@@ -509,9 +534,13 @@ class BoxedResponse:
 
 
 class Boxes(NamedTuple):
-    """Boxes of theta and fraction: middles and half widths, turns and least dead time in periods; (n,) each.
+    """Boxes in the plane of theta and fraction that are examined for roots of L = -1; each field is (n,).
 
-    `only`: true if the box is examined for its present number of turns only.
+    - theta, half: middle and half width in theta, rad.
+    - fraction, half_fraction: middle and half width in the fraction of a sampling period.
+    - turns: number of turns for which the box is examined next; see `BoxedExpansion`.
+    - only: true if the box is examined for this number of turns only, not for larger numbers.
+    - least: smallest dead time at which the box may contain a root, in sampling periods.
     """
 
     theta: Floats
@@ -523,16 +552,16 @@ class Boxes(NamedTuple):
     least: Floats
 
     def at(self, index: NDArray[np.intp] | Flags) -> Boxes:
-        """The boxes at an index."""
+        """The boxes with these indices."""
         return Boxes._make(each[index] for each in self)
 
 
 def added_delay(loop: SampledLoop) -> tuple[float, float]:
-    """Least added dead time at which stability is lost, s, and the frequency of the pole, rad/s; inf and NaN if never.
+    """Least added dead time at which stability is lost, s, and the frequency of the pole there, rad/s.
 
-    Frequencies below 1e-5 of the slowest pole or zero do not count, nor do dead times with more than 90 deg of phase at
-    these frequencies. If 20 000 boxes do not isolate the root, the result is the dead time up to which stability is
-    certain.
+    The result is inf and NaN if stability is never lost. Frequencies below 1e-5 times the slowest pole or zero are not
+    searched, nor are dead times that have more than 90 deg of phase at this lowest frequency. If 20 000 boxes of
+    frequency and dead time do not isolate the root, the result is the dead time up to which stability is certain.
     """
     response, begin = loop._boxed, loop.dead_time / loop.period
     edges = response.first_edges()
@@ -553,9 +582,10 @@ def added_delay(loop: SampledLoop) -> tuple[float, float]:
 
 
 def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
-    """Boxes of all frequencies and all fractions of a period.
+    """Boxes that cover all frequencies and all dead times from that of the loop on.
 
-    The loop's dead time is `periods` + `own` periods, so a fraction below `own` needs a whole period more.
+    `edges`: ends of the intervals of theta, rad. The dead time of the loop is `periods` + `own` sampling periods;
+    fractions below `own` therefore begin with one whole period more.
     """
     half, boxes = np.diff(edges) / 2, []
     for early, late, turns in ((0.0, own, periods + 2), (own, 1.0, periods + 1)):
@@ -566,7 +596,11 @@ def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
 
 
 class Step(NamedTuple):
-    """Newton step from the middle of each box to the root of the linear part, and its largest error; (n,)."""
+    """Newton step from the middle of each box to the root of L = -1 in the linear expansion, (n,) each.
+
+    - theta, fraction: the step, rad and ratio.
+    - theta_room, fraction_room: largest error of the step; inf if unbounded.
+    """
 
     theta: Floats
     theta_room: Floats
@@ -575,9 +609,10 @@ class Step(NamedTuple):
 
 
 def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Boxes], list[tuple[float, float]]]:
-    """Divide boxes; return the parts that may contain a root, and (dead time, theta) of roots found after `begin`.
+    """Examine and divide boxes; return the parts that may contain a root, and the roots found.
 
-    Dead times are in periods, theta in rad.
+    Each root is (dead time in sampling periods, theta in rad). Only roots with a dead time above `begin`, in sampling
+    periods, are returned.
     """
     expansion = response.expand(boxes.theta, boxes.fraction)
     top, rest, level = expansion.bounds(boxes.half, boxes.half_fraction)
@@ -613,7 +648,14 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
 def _next_turns(
     expansion: BoxedExpansion, boxes: Boxes, rest: Floats, across: Floats, alive: Flags
 ) -> tuple[Boxes, Step, Flags]:
-    """Least number of turns, from the present one up, with which a box may contain a root; and its Newton step."""
+    """Find the least number of turns, at least the present number, for which each box may contain a root.
+
+    Return the boxes with this number, the Newton step for it, and True for each box that may contain a root at all.
+
+    - rest: bound on the deviation of ln L from the linear expansion in the box.
+    - across: bound on the change of ln|L| in the box that is not due to the slope in theta.
+    - alive: boxes that may contain a root, as far as known so far.
+    """
     size, phase = expansion.value.real, expansion.value.imag - math.pi
     rise, drift, turns = expansion.slope.real, expansion.drift, boxes.turns
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -653,7 +695,10 @@ def _next_turns(
 
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
-    """The part of each box within the error of its Newton step; it is valid for the present number of turns only."""
+    """The part of each box that the Newton step and its largest error allow for a root.
+
+    It is valid for the present number of turns only.
+    """
 
     def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:
         low, high = np.clip(to - room, -half, half), np.clip(to + room, -half, half)

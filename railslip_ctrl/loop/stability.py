@@ -1,15 +1,17 @@
 """Exact number of closed-loop poles in the right half plane, and the rightmost closed-loop poles.
 
-The closed-loop poles are the zeros of the quasi-polynomial Q(s) = D(s) + N(s) exp(-tau s), L = N exp(-tau s)/D.
-Along s = j omega the argument of Q has a closed form wherever |L| != 1. It is arg D + Arg(1 + L) for |L| < 1 and
-arg N - tau omega + Arg(1 + 1/L) for |L| > 1; both principal values are within +-90 deg. At a gain crossover the two
-forms differ by 2 pi round(arg L/2 pi). The gain crossovers and the continuous phase at them therefore give the number
-of poles, without a grid or a Pade approximation. The path need not avoid open-loop poles on or near the axis, because
-for large |L| the argument contains only N. This is the direct method of [WaltonMarshall1987] applied at one dead time.
+The closed-loop poles are the zeros of the quasi-polynomial Q(s) = D(s) + N(s) exp(-tau s), where
+L(s) = N(s) exp(-tau s)/D(s). On the imaginary axis, s = j omega, the argument of Q has a closed form wherever |L| is
+not 1. It is arg D + Arg(1 + L) for |L| < 1 and arg N - tau omega + Arg(1 + 1/L) for |L| > 1; here both values of Arg
+are within +-90 deg. At a gain crossover the two forms differ by 2 pi round(arg L/2 pi). Therefore the gain crossovers
+and the continuous phase of L at each of them give the number of poles, without a grid or a Pade approximation.
+Open-loop poles on or near the imaginary axis do not disturb the count, because for large |L| the argument contains only
+N. This is the direct method of [WaltonMarshall1987], applied to one dead time.
 
-The crossovers are algebraic numbers, isolated exactly (`crossings`). If rounding of the phase could matter, balls of
-growing precision decide. With dead time some precision always suffices: exp(-j tau omega) is transcendental there
-(Lindemann), so L is not -1. Without dead time, L = -1 at a crossover is a pole on the axis.
+The gain crossovers are algebraic numbers: roots of exact polynomials (`crossings`). If rounding of the phase could
+matter, ball arithmetic of increasing precision decides. With dead time some precision always suffices: at a crossover
+exp(-j tau omega) is transcendental (Lindemann), and L is therefore not -1. Without dead time, L = -1 at a crossover
+means a closed-loop pole on the imaginary axis.
 """
 
 from __future__ import annotations
@@ -35,9 +37,12 @@ _SAME = 1e-7  # relative distance within which two computed zeros count as one; 
 
 @dataclass(frozen=True)
 class RootCount:
-    """Number `right` of closed-loop poles right of a line parallel to the imaginary axis, by default the axis itself.
+    """Number of closed-loop poles right of a line parallel to the imaginary axis, by default the axis itself.
 
-    For a sampled loop the line is the unit circle. `marginal`: true if poles lie on the line; they count too.
+    For a sampled loop it is the number of poles outside the unit circle.
+
+    - right: the number of these poles, including poles on the line or circle.
+    - marginal: true if poles lie on the line or circle.
     """
 
     right: float
@@ -45,19 +50,25 @@ class RootCount:
 
     @property
     def stable(self) -> bool:
-        """True if no closed-loop pole lies on the line of the count or right of it."""
+        """True if no closed-loop pole lies on the line or right of it (sampled loop: on or outside the unit circle)."""
         return self.right == 0 and not self.marginal
 
 
 def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> RootCount:
-    """Count the closed-loop poles of L = G exp(-dead_time s) with real part > `line` (1/s); inf for infinitely many."""
+    """Count the closed-loop poles of L(s) = G(s) exp(-dead_time s) whose real part exceeds `line`, 1/s.
+
+    - system: G.
+    - dead_time: s, >= 0.
+
+    The number is inf if infinitely many poles lie there.
+    """
     if dead_time * line < -_FARTHEST:
         return RootCount(float("inf"), False)  # exp(-tau line) would overflow
     return root_count(_moved(Response(system, dead_time), line) if line else Response(system, dead_time))
 
 
 def root_count(response: Response, *, certain: bool = False) -> RootCount:
-    """Count the closed-loop poles right of the imaginary axis; if `certain`, with every phase in ball arithmetic."""
+    """Count the closed-loop poles right of the imaginary axis; if `certain`, all phases are from ball arithmetic."""
     count, marginal = _count(response, certain)
     if not marginal:
         return RootCount(count, False)
@@ -71,12 +82,12 @@ def root_count(response: Response, *, certain: bool = False) -> RootCount:
 
 
 def _moved(response: Response, c: float) -> Response:
-    """Response of the shifted loop L(s + c)."""
+    """Response of the shifted loop L(s + c), `c` in 1/s."""
     return Response(response.system.shifted(c) * float(np.exp(-response.dead_time * c)), response.dead_time)
 
 
 def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
-    """Number of closed-loop poles with positive real part, and whether one is on the axis."""
+    """Number of closed-loop poles with positive real part, and true if poles are on the imaginary axis."""
     system, dead_time = response.system, response.dead_time
     both = (system.zeros.tolist(), system.poles.tolist())
     axis_zeros, axis_poles = (any(root.real == 0 for root in roots) for roots in both)
@@ -118,20 +129,24 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
 
 
 class SpectrumError(RailslipError, ArithmeticError):
-    """The exact root count does not confirm the rightmost poles."""
+    """The exact number of closed-loop poles right of a line differs from the number of computed poles there."""
 
 
 def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes:
-    """The `count` rightmost zeros of D + N exp(-dead_time s), rightmost first, pairs upper half first, 1/s.
+    """Compute the `count` rightmost closed-loop poles of L(s) = G(s) exp(-dead_time s), rightmost first, 1/s.
 
-    Without dead time the loop has only as many poles as the system. For a neutral loop the poles right of its chain are
-    confirmed; those of the chain have nearly equal real parts and come in ascending frequency. Raises SpectrumError if
-    the exact count contradicts the computed poles.
+    - system: G.
+    - dead_time: s, >= 0.
+    - count: number of poles; of a pair the pole with Im > 0 comes first. Without dead time the loop has only as many
+      poles as G.
 
-    The dead time is a transport line with the loop's error as input. On Chebyshev points it becomes a matrix whose
-    rightmost eigenvalues approximate those of the infinite-dimensional loop with spectral accuracy ([Breda2005]).
-    Newton's method on the quasi-polynomial refines each to rounding, and the root count right of a line confirms that
-    none is missing.
+    Raises SpectrumError if the exact root count differs from the number of computed poles. A neutral loop has
+    infinitely many poles with nearly equal real parts (a chain). The poles of the chain are listed in ascending
+    frequency; only poles right of the chain are compared with the root count.
+
+    The dead time is represented by a transport line. Its values at Chebyshev points and the states of G form a linear
+    system, whose rightmost eigenvalues are close to the closed-loop poles ([Breda2005]). Newton's method refines each
+    pole to rounding. The exact number of poles right of a line then proves that no pole is missing.
     """
     num, den = system.polynomials
     if dead_time == 0 or system.gain == 0:
@@ -150,7 +165,7 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
 
 
 def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
-    """Approximate poles far from the origin, one per k >= 0, by iterating tau s = ln(-N/D) + 2 pi j k."""
+    """Approximate poles far from the origin, by iteration of tau s = ln(-N/D) + 2 pi j k for k = 0 to `count` - 1."""
     turns = np.arange(count, dtype=float)
     s = (2 * np.pi * turns + np.pi / 2) * 1j / dead_time + 1.0 / dead_time
     with np.errstate(all="ignore"):
@@ -161,7 +176,7 @@ def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
 
 
 def _start_values(system: Rational, dead_time: float, points: int) -> Complexes:
-    """Eigenvalues of the loop with its dead time as a transport line on `points` + 1 Chebyshev points."""
+    """Eigenvalues, 1/s, of the loop whose dead time is a transport line with `points` + 1 Chebyshev points."""
     open_loop = realise(system)
     n = open_loop.order
     nodes = np.cos(np.pi * np.arange(points + 1) / points)
@@ -181,7 +196,7 @@ def _start_values(system: Rational, dead_time: float, points: int) -> Complexes:
 
 
 def _quasi_polynomial(system: Rational, dead_time: float, s: Complexes) -> tuple[Complexes, Complexes, Floats]:
-    """Values of Q, dQ/ds and |D| + |N exp| at s."""
+    """Values at s of Q = D + N exp(-dead_time s), dQ/ds and |D| + |N exp(-dead_time s)|."""
     d, d_slope = _product(system.poles, s)
     n, n_slope = _product(system.zeros, s)
     delay = system.gain * np.exp(-dead_time * s)
@@ -189,7 +204,7 @@ def _quasi_polynomial(system: Rational, dead_time: float, s: Complexes) -> tuple
 
 
 def _product(roots: Complexes, s: Complexes) -> tuple[Complexes, Complexes]:
-    """Product prod(s - roots) and its derivative, accurate at the roots too."""
+    """prod(s - roots) and its derivative with respect to s, both accurate also at the roots."""
     value, slope = np.ones_like(s), np.zeros_like(s)
     for root in roots:
         slope = slope * (s - root) + value
@@ -198,7 +213,7 @@ def _product(roots: Complexes, s: Complexes) -> tuple[Complexes, Complexes]:
 
 
 def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Complexes, Flags]:
-    """Apply Newton's method to each start value; returns the final values and whether each is a zero of Q."""
+    """Apply Newton's method to each start value; return the final values, and true for each that is a zero of Q."""
     s = start.astype(complex)
     with np.errstate(all="ignore"):
         for _ in range(_NEWTON_STEPS):
@@ -214,7 +229,10 @@ def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Compl
 
 
 def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes:
-    """Distinct zeros of Q near the start values, pairs exactly conjugate, double zeros twice."""
+    """Zeros of Q to which Newton's method converges from the start values, without repetition.
+
+    A double zero is listed twice. Pairs are exact conjugates.
+    """
     start = start[np.isfinite(start)]
     found, good = _newton(system, dead_time, start)
     features = np.abs(np.append(system.roots, 1 / dead_time))
@@ -235,7 +253,7 @@ def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes
 
 
 def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
-    """True if dQ/ds vanishes at a zero of Q, to the accuracy of a double zero."""
+    """True if the zero `s` of Q is a double zero: dQ/ds vanishes, to the accuracy of a double zero."""
     at = np.array([s])
     _q, slope, size = _quasi_polynomial(system, dead_time, at)
     if size[0] == 0 or not np.isfinite(size[0]):
@@ -246,12 +264,15 @@ def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
 
 
 def _ordered(poles: Complexes) -> Complexes:
-    """Sort poles: rightmost first, then ascending |Im|, upper half first."""
+    """Sort poles: rightmost first, then ascending |Im|, then Im > 0 before Im < 0."""
     return poles[np.lexsort((-poles.imag, np.abs(poles.imag), -poles.real))]
 
 
 def _confirmed(system: Rational, dead_time: float, poles: Complexes, count: int) -> bool:
-    """True if the exact count right of a line just left of pole number `count` equals the number of poles found."""
+    """True if the exact number of poles right of a line equals the number of `poles` there.
+
+    The line lies just left of pole number `count`, but not left of the chain of a neutral loop.
+    """
     scale = 1e-9 * abs(poles[count - 1])
     edge = float(poles.real[count - 1]) - scale
     left = poles.real[poles.real < edge]
