@@ -4,7 +4,7 @@ The plant is P(s) exp(-tau s). The controller is C(s) = kp A(s) + ki/s + B(s), w
 derivative d(s) = s/(derivative_filter s + 1): A = 1 + derivative_time d, B = derivative_gain d. A PI has A = 1, B = 0.
 With R(s) = exp(tau s)/P(s) + B(s), the closed loop has a pole at s = j omega if
 
-    R(j omega) + kp A(j omega) + ki/(j omega) = 0,
+    R(j omega) + kp A(j omega) + ki/(j omega) = 0.
 
 These are two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). They define a curve in
 the (kp, ki) plane. This curve and the line ki = 0 (a pole at the origin) divide the plane into cells. In each cell the
@@ -226,9 +226,9 @@ def stable_intervals(
     `count` counts the unstable poles at a gain, `scale` is a typical gain. If `signed`, gains may be negative.
 
     As the gain rises, the number of unstable poles can fall only at critical gains marked leftward, by at most 2 at
-    each; at all others it rises. After an interval with n unstable poles the next interval that can be stable lies
-    behind (n + 1)//2 leftward gains, and after a stable interval behind the next leftward gain. Poles are counted only
-    in these intervals.
+    each; at all others it rises. Therefore an interval with n unstable poles is followed by at least (n + 1)//2 leftward
+    gains before the next stable interval, and a stable interval by at least one. Intervals before these gains are
+    skipped without a count.
     """
     limit = critical.complete_to
     edges = [-limit if signed else 0.0, *critical.values.tolist(), limit]
@@ -302,7 +302,7 @@ class CriticalGains:
 
     @classmethod
     def within(cls, low: float, high: float, values: Floats, leftward: Flags) -> CriticalGains:
-        """Select the `values` between two bounds, sort them, and return them as critical gains complete to `high`."""
+        """Return the `values` between `low` and `high`, sorted, as critical gains with `high` as `complete_to`."""
         inside = np.flatnonzero((values > low) & (values < high))
         order = inside[np.argsort(values[inside], kind="stable")]
         return cls(values[order], leftward[order], high)
@@ -523,7 +523,7 @@ class Decomposition:
 
     @cached_property
     def _limit(self) -> float:
-        """Frequency, rad/s, above which no gains up to the bounds put a pole on the axis; inf without dead time."""
+        """Frequency, rad/s, above which no kp and ki within bounds put a pole on the axis; inf without dead time."""
         if self.dead_time == 0:
             return np.inf
         if self.plant.gain == 0:

@@ -279,7 +279,7 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
 
 @dataclass(frozen=True)
 class Case:
-    """One case of an envelope: an operating point with its tolerances.
+    """One case of an envelope: an operating point, or a variation of it within the tolerances.
 
     - point: operating point; its vehicle has the load, wheel radius and actuator of the case.
     - load: "empty" or "loaded".

@@ -90,7 +90,8 @@ class Worst:
 def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, peaks: bool = True) -> BatchMargins:
     """Return the margins of loops, which may have different numbers of poles, in their order; NaN if unstable.
 
-    If `gain_margins` is false, the gain margins are not computed and NaN; if `peaks` is false, Ms, Mt and disk margin.
+    To save time, gain margins are not computed if `gain_margins` is false, and Ms, Mt and disk margin not if `peaks` is
+    false; these values are then NaN.
     """
     columns: dict[str, np.ndarray] = {f.name: np.full(len(loops), np.nan) for f in fields(BatchMargins)}
     groups: dict[tuple[int, int], list[int]] = {}

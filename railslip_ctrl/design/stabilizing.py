@@ -375,7 +375,7 @@ class StabilizingRegion(Region):
 
 @dataclass(frozen=True)
 class IntersectionRegion(Region):
-    """Gains that are in each of `regions`; `intersection` returns it. `reason` calls the plants by `names`."""
+    """Gains that are in each of `regions`; `intersection` returns it. `names` are the plants' names in `reason`."""
 
     regions: tuple[Region, ...]
     names: tuple[str, ...] = ()
@@ -448,9 +448,9 @@ def stabilizing_pid(
 ) -> StabilizingRegion:
     """Return all (kp, ki) with ki >= 0 for which a PID with fixed derivative part stabilises; see `stabilizing_pi`.
 
-    - plant, dead_time: as for `stabilizing_pi`.
     The controller is C(s) = kp + ki/s + kd s/(Tf s + 1). Either `derivative_time` or `derivative_gain` sets kd.
 
+    - plant, dead_time: as for `stabilizing_pi`.
     - derivative_filter: Tf, s, > 0.
     - derivative_time: Td, s, >= 0; kd is then Td kp for every kp.
     - derivative_gain: kd, of either sign, in units of kp times s; kd is then the same for every kp.

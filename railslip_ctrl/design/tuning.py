@@ -467,7 +467,7 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     [Skogestad2003] does not cover unstable plants. If the plant has an unstable pole p, the model keeps p, and all lags
     are added to the dead time: half a lag added to 1/p would make the pole slower than it is.
 
-    InputError: another plant, or a negative zero whose time constant is larger than the dead time of the model.
+    InputError: another plant, or negative zeros whose time constants are larger than the dead time of the model.
     """
     number("dead time", dead_time, "s", ge=0)
     plant = Rational.from_control(plant, "plant")

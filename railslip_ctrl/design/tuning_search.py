@@ -10,11 +10,11 @@ The exact root count of one loop inside a gap decides whether the gap is stable.
 small ki until a row has a stable gap. It then follows this gap, with more frequencies, up to the largest ki at which
 the gap exists (its tip), and computes the exact margins there.
 
-With a bound on Ms the search proves that it has missed no larger ki. It examines bands from ki = k1 to k2. An ellipse
-is convex: a kp that it excludes at k1 and at k2 is excluded at every ki between them. The gaps that remain contain all
-gains of the band that meet the bound. The centres of the ellipses are the gains with a pole on the imaginary axis. A
-gap that contains no centre is therefore stable or unstable as a whole. In a band with k2/k1 - 1 <= 1/M no gap contains
-a centre. A band without a stable gap has no solution; any other band is divided.
+With a bound on Ms the search excludes larger ki by examining bands from ki = k1 to k2. An ellipse is convex: a kp that
+it excludes at k1 and at k2 is excluded at every ki between them. The gaps that remain contain all gains of the band
+that meet the bound. The centres of the ellipses are the gains with a pole on the imaginary axis. A gap that contains no
+centre is therefore stable or unstable as a whole. In a band with k2/k1 - 1 <= 1/M no gap contains a centre. A band
+without a stable gap has no solution; any other band is divided.
 """
 
 from __future__ import annotations
@@ -417,7 +417,7 @@ def _highest_rows(family: Family, specification: Specification) -> Iterator[tupl
 def _tip(family: Family, specification: Specification, gap: Interval, ki: float) -> tuple[float, float]:
     """Return (kp, ki) at the tip of a gap: the largest ki that meets the specification near the interval `gap` of kp.
 
-    It is (0, 0) if no gains near the gap meet the specification.
+    ki is 0 if no gains near the gap meet the specification.
     """
     stable = Specification(crossover=specification.crossover)
     around = gap[1] - gap[0] + _AROUND * max(map(abs, gap))

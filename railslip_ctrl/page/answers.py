@@ -1,6 +1,6 @@
 """Answer the requests of the page with numbers, texts and arrays of a design.
 
-The functions that the commands use compute them.
+They are computed by the functions that the commands use.
 """
 
 from __future__ import annotations
