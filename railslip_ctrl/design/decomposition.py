@@ -226,9 +226,9 @@ def stable_intervals(
     `count` counts the unstable poles at a gain, `scale` is a typical gain. If `signed`, gains may be negative.
 
     As the gain rises, the number of unstable poles can fall only at critical gains marked leftward, by at most 2 at
-    each; at all others it rises. Therefore an interval with n unstable poles is followed by at least (n + 1)//2 leftward
-    gains before the next stable interval, and a stable interval by at least one. Intervals before these gains are
-    skipped without a count.
+    each; at all others it rises. Therefore an interval with n unstable poles is followed by at least (n + 1)//2
+    leftward gains before the next stable interval, and a stable interval by at least one. Intervals before these gains
+    are skipped without a count.
     """
     limit = critical.complete_to
     edges = [-limit if signed else 0.0, *critical.values.tolist(), limit]
