@@ -7,10 +7,10 @@ that a design must stabilise, and one verdict over them.
 - `envelope`: operating points and tolerances for a design
 - `judging`: margins of every case of an envelope, and one verdict
 - `specification`: margins that a design must have, and the margins of many plants with one controller
-- `tuning`: PI gains from a specification, by hand, or by published rules; `tuning_search` is the search
+- `tuning`: PI gains from a specification, by hand, or by published rules; `tuning_search` searches the gains
 - `envelope_tuning`: a controller tuned over an envelope, and the best of several structures
 - `schedule`: gains over speed and rail, lowest speeds, sweeps of margins
-- `stabilizing`: all gains that stabilise, their outline and margins; `decomposition` is the method
+- `stabilizing`: all gains that stabilise, their outline and margins; `decomposition` computes their boundaries
 - `gain_map`: map of the gains with Ms below a level at every operating point
 - `workbench`: controllers shaped by hand over an envelope
 - `limits`: bounds for any controller, and the control effort of one

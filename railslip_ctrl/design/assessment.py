@@ -40,7 +40,7 @@ _POLES = 6  # number of closed-loop poles computed
 
 
 class Verdict(StrEnum):
-    """Verdict on a loop in one or two words."""
+    """Verdict on a loop: "unstable", "no feedback", "stable but fragile" or "robust"."""
 
     UNSTABLE = "unstable"
     NO_FEEDBACK = "no feedback"
@@ -67,9 +67,11 @@ class Assessment:
     - limits: bounds that plant and actuator set for any controller.
     - closed_loop_poles: rightmost closed-loop poles, 1/s, 1-D; empty for a `DelayedLoop`.
     - margins: margins of the loop; None if it is unstable.
-    - pade: margins with Pade approximations.
-    - verdict: verdict on `loop` and `as_run` together.
-    - as_run, sampled: loop of a continuous controller sampled at its period, and the margins of this sampled loop.
+    - pade: margins with Pade approximations of the dead time, order 1 to 5.
+    - verdict: the worse of the verdicts on `loop` and `as_run`.
+    - as_run: loop of a continuous controller after it is sampled at its period; None if the controller has no period,
+      or one so short that sampling makes no difference.
+    - sampled: margins of `as_run`; None without `as_run`, or if that loop is unstable.
     """
 
     label: str
@@ -90,7 +92,7 @@ class Assessment:
 
     @property
     def stable(self) -> bool:
-        """True if `loop` is stable, and also `as_run` if there is one."""
+        """True if `loop`, and the sampled loop `as_run` if it is not None, are stable."""
         return self.margins is not None and (self.as_run is None or self.sampled is not None)
 
     @property
@@ -116,7 +118,7 @@ class Assessment:
 
     @property
     def verdict_line(self) -> str:
-        """Verdict with Ms, or with the number of unstable poles, and a remark if only the mass was changed."""
+        """Verdict with Ms or the number of unstable poles; a note if only the mass, not the wheel load, was changed."""
         alone = self.point.vehicle.mass_alone
         return f"{self._decided}. {alone}" if alone else self._decided
 
@@ -209,9 +211,10 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
 
 
 def _rightmost_poles(loop: Any) -> Complexes:
-    """Return up to six rightmost poles, as many as the root count confirms; none for a controller with delays.
+    """Return up to six rightmost closed-loop poles, 1/s; fewer if the root count does not confirm all of them.
 
-    Poles z of a sampled loop are given as s = ln(z)/h, without z = 0, which decays at once.
+    A controller with delays has an empty result. Poles z of a loop with sampling period h are returned as s = ln(z)/h,
+    without z = 0.
     """
     if isinstance(loop, SampledLoop):
         z = loop.closed_loop_poles(_POLES)
@@ -255,7 +258,7 @@ _READINGS = ((1.0, "SI"), (AS_PUBLISHED_INERTIA_SCALE, "as published"))
 
 
 def published_groups(points: Sequence[OperatingPoint]) -> tuple[ControllerGroup, ...]:
-    """Return the assessments of Table 4's PI gains at operating points, in SI and as published (M, J, B times 3.6)."""
+    """Assess the PI gains of [Park2008] Table 4 at operating points, in SI and as published (M, J, B times 3.6)."""
     groups = []
     for scale, name in _READINGS:
         title, assessments = f"Table 4's gains, inertia scale {scale:g} ({name})", []
@@ -269,7 +272,7 @@ def published_groups(points: Sequence[OperatingPoint]) -> tuple[ControllerGroup,
 
 
 def controller_group(title: str, assessments: tuple[Assessment, ...]) -> ControllerGroup:
-    """Return assessed loops as a group, with frequency responses over a band that contains the features of all."""
+    """Return assessed loops as a group; the band of their frequency responses contains poles and crossovers of all."""
     bands = [a.loop.feature_band() for a in assessments]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
     return ControllerGroup(title, assessments, tuple(frequency_curve(a.loop, low, high) for a in assessments))

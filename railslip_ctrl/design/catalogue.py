@@ -2,9 +2,9 @@
 
 The project's own controllers hold the reference slip without using the adhesion curve. `design.tuning` found their
 gains over `design_points`: the largest ki with Ms <= `MS_MAX` and a lead that cancels the brake's lag. The gains of the
-published vehicle are stored here for SI and for the as-published inertia scale 3.6, and a test tunes them again. The
+published vehicle are stored here for the inertia scales 1 (SI) and 3.6 (as published), and a test tunes them again. The
 gains of any other vehicle are tuned on request. By default every controller is sampled at each step of the scenario,
-because [Park2008] states no sampling period. All controllers use the backward difference, as their stored results do.
+because [Park2008] states no sampling period. All controllers use the backward difference.
 """
 
 from __future__ import annotations
@@ -62,16 +62,20 @@ def published_controller(
     reference: ReferenceSlip | None = None,
     period: float | None = None,
 ) -> PI | Sliding:
-    """Return a controller of [Park2008] Table 4, SI, with the gains in those units that reproduce Table 5.
+    """Return a controller of [Park2008] Table 4, in SI.
 
-    PI: the column's gains, without limits or anti-windup. ASMC: law (45) with D and K added as torque, rho per second,
-    Ta from the plant's adhesion law at the measured slip, Mn the empty mass, without adaptation.
+    The gains are read in the units with which the results of Table 5 are reproduced, and converted to SI. The PI has no
+    torque limits and no anti-windup. The ASMC is law (45) of [Park2008]: the terms with D and K are torques, rho is in
+    1/s, the adhesion torque Ta follows from the plant's adhesion law at the measured slip, and the nominal mass Mn is
+    that of the empty vehicle.
 
     - kind: {"pi", "asmc"}
     - column: {"beam", "bristle"}; column of Table 4 with gains and reference slip (beam 0.119 dry, 0.059 wet; bristle
       0.132, 0.092).
-    - knows_rail: for the ASMC, whether its adhesion model follows a change of the rail; the reference slip always does.
-    - adaptive: for the ASMC, whether to use the printed adaptation; its k = 2.1e-8 for km/h gives k1 = k, k2 = 3.6^2 k.
+    - knows_rail: for the ASMC, whether the rail condition in its adhesion model changes with the true one. The
+      reference slip always changes with the rail.
+    - adaptive: for the ASMC, whether to adapt with the gain k = 2.1e-8 of Table 4. Its unit has km/h, so that the SI
+      gains of the two parameters are k1 = k and k2 = 3.6^2 k. By default the parameters are constant.
     - reference: reference slip; by default that of the column.
     - period: sampling period, s; by default every step of the scenario.
 
@@ -94,13 +98,13 @@ def published_controller(
 
 
 def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
-    """Return Table 4's ASMC gains of a column, SI; k1 = k2 = 0 unless `adaptive`."""
+    """Return the ASMC gains in a column of [Park2008] Table 4, SI; the adaptation gains are 0 unless `adaptive`."""
     gains = TABLE4_LAWS[column]
     return gains if adaptive else replace(gains, k1=0.0, k2=0.0)
 
 
 def published_reference(column: Column) -> ReferenceSlip:
-    """Return the reference slip of a column, dry and wet."""
+    """Return the reference slips, dry and wet, in a column of [Park2008] Table 4."""
     reference = published_law(column, Rail.DRY).reference
     assert reference is not None, "both published laws have a reference slip"
     return reference
@@ -152,9 +156,9 @@ def recommended_pi_lead(
 ) -> PI:
     """Return a PI-lead with anti-windup, which stops earlier than every controller of [Park2008] Table 5.
 
-    For the vehicle as published (default): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`. Without
-    the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017; the best of Table 5 needs
-    581 m and 50.7 s with 0.027.
+    For the vehicle as published (default): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`. This
+    PI-lead, which does not use the adhesion curve, stops in about 547 m and 47.6 s with a mean slip error of 0.017. The
+    best controller of Table 5 stops in 581 m and 50.7 s with a mean slip error of 0.027.
 
     - vehicle: quarter car, by default the published one. For another vehicle the lead cancels the lag of its brake, and
       the gains are tuned, which takes some seconds.
@@ -207,28 +211,29 @@ def published_vehicle() -> Vehicle:
 
 
 def is_published(vehicle: Vehicle) -> bool:
-    """Return True if a vehicle has the published masses, wheel and wheel load; brake and scale may differ."""
+    """Return True if masses, wheel and wheel load are the published ones; brake and inertia scale may differ."""
     own, published = ((car.mass_loaded, car.wheel, car.wheel_load_loaded) for car in (vehicle, PARK2008))
     return own == published
 
 
 def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = None) -> bool:
-    """Return True if a named controller must be tuned for a vehicle, because no gains are stored or given for it."""
+    """Return True if the controller `name` must be tuned for a vehicle: no gains are stored, and `gains` is None."""
     stored = {"pi-lead": _PI_LEAD.keys(), "scheduled": _SCHEDULES.keys()}.get(name)
     return stored is not None and gains is None and not (is_published(vehicle) and vehicle.inertia_scale in stored)
 
 
 def lead_of(vehicle: Vehicle) -> tuple[float, float]:
-    """Return lead and lead filter, s, of `recommended_pi_lead`; the lead cancels the brake's lag.
+    """Return the time constants, s, of the lead of `recommended_pi_lead` and of its filter.
 
-    The published vehicle keeps its lead with any brake. Lead and filter are 0 for a brake without lag.
+    The lead is equal to the brake's lag and cancels it. For the published vehicle the two time constants are 0.6 and
+    0.06 s, whatever its brake. For another vehicle with a brake without lag both are 0.
     """
     lag = vehicle.actuator.lag
     return (LEAD, LEAD_FILTER) if is_published(vehicle) else (lag, lag / 10.0)
 
 
 def design_points(vehicle: Vehicle) -> list[LinearPlant]:
-    """Return the plants for tuning: both published laws, dry and wet, at `SPEEDS_KMH`, empty and loaded."""
+    """Return plants for tuning: the laws "curve" and "bristle", dry and wet rail, speeds `SPEEDS_KMH`, both loads."""
     plants = []
     for name, rail, car in product(("curve", "bristle"), Rail, (vehicle, vehicle.loaded())):
         law = named_law(name, car).on(rail)
@@ -263,7 +268,7 @@ def _tuned_gains(vehicle: Vehicle) -> PIGains:
 
 
 def _schedule(vehicle: Vehicle) -> GainSchedule:
-    """Return the gains of `recommended_schedule`, stored or tuned now."""
+    """Return the gains of `recommended_schedule`: the stored gains, or gains tuned for the vehicle."""
     if is_tuned_when_asked("scheduled", vehicle):
         lead, lead_filter = lead_of(vehicle)
         return schedule_gains(
@@ -279,16 +284,17 @@ def _schedule(vehicle: Vehicle) -> GainSchedule:
 
 
 def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, reference: ReferenceSlip) -> Controller:
-    """Return the controller of a kind with which a design by hand begins.
+    """Return the first controller of a kind, from which the user continues a design by hand.
 
-    Its parameters follow from the rule of the kind. For a PI this is the SIMC rule, [Skogestad2003] Table 1, for the
-    integrating plant (r/J)/s with dead time; the time constant of a lead is the brake's lag.
+    The kind's rule sets the parameters. For a PI this is the SIMC rule, [Skogestad2003] Table 1, for the integrating
+    plant (r/J)/s with dead time; the time constant of a lead is the brake's lag.
 
     - kind: class of the controller.
-    - at: plants to be controlled, or a linear controller to convert to a ratio of polynomials.
+    - at: plants to be controlled. If it is a linear controller instead, this controller is returned as a ratio of
+      polynomials.
     - reference: reference slips.
 
-    InfeasibleDesignError, InputError: the kind has no controller for the vehicle.
+    InfeasibleDesignError or InputError if the rule gives no controller for the vehicle.
     """
     if isinstance(at, LinearControl):
         num, den = polynomials(at.system)
@@ -313,7 +319,7 @@ def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, ref
 BY_RULE: Mapping[str, type[Controller]] = MappingProxyType(
     {name: kind for name, kind in controller_kinds().items() if kind.by_rule}
 )
-"""Kinds whose parameters follow from the vehicle alone, by name."""
+"""Kinds of controllers whose parameters are computed from the vehicle alone, by the name of the kind."""
 
 NAMES = ("pi", "asmc", "pi-lead", "scheduled", *BY_RULE)
 """Names of the controllers that come with the package."""
@@ -326,17 +332,18 @@ def _tracks_reference(name: str) -> bool:
 
 
 def default_column(law: AdhesionLaw) -> Column:
-    """Return the column of Table 4 for an adhesion law: "beam" for the beam law, else "bristle"."""
+    """Return the column of [Park2008] Table 4 for an adhesion law: "beam" for the beam law, else "bristle"."""
     return "beam" if law.name == "beam" else "bristle"
 
 
 def tracked_reference(
     controller: str, law: AdhesionLaw, slip: float | None, column: Column | None, *, dashes: str = ""
 ) -> ReferenceSlip | None:
-    """Return the reference slips of a controller of `NAMES`; None if it has none.
+    """Return the reference slips of a controller of `NAMES`; None if it tracks no reference slip.
 
-    They are `slip`, or those of a `column` of Table 4, or those of the adhesion law. InputError if none of the three
-    exists, or if the controller does not use an argument. `dashes` precedes names of arguments in messages.
+    The reference slip is `slip` if given, else that of the `column` of [Park2008] Table 4, else that of the adhesion
+    law. InputError if there is none of these, or if the controller does not use an argument. Messages put `dashes`
+    before the names of arguments.
     """
     if not _tracks_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):
@@ -350,8 +357,8 @@ def tracked_reference(
         return published_reference(column)
     if law.reference is None:
         raise InputError(
-            f"{dashes}slip: adhesion {law.name!r} has no reference slip; give {dashes}slip, or {dashes}gains for the "
-            "reference slip of Table 4"
+            f"{dashes}slip: adhesion {law.name!r} has no reference slip; give {dashes}slip, or {dashes}gains to use a "
+            "reference slip of [Park2008] Table 4"
         )
     return law.reference
 
@@ -367,13 +374,15 @@ def controller_named(
     adaptive: bool = False,
     period: float | None = None,
 ) -> Controller:
-    """Return a controller of `NAMES` for a vehicle; a loaded vehicle gets the gains of the empty one.
+    """Return a controller of `NAMES` for a vehicle, with gains for the empty vehicle.
 
-    - name: "pi" and "asmc" are those of [Park2008] Table 4 (see `published_controller`), the others this project's.
+    - name: "pi" or "asmc" for a controller of [Park2008] Table 4 (see `published_controller`); every other name is that
+      of a controller of this project.
     - vehicle: quarter car to control.
     - column: {"beam", "bristle"}; column of Table 4 for the gains of "pi" and "asmc", and for every reference slip.
-    - gains: gains for "pi" or "pi-lead" in place of their own.
-    - reference: reference slip in place of the column's. For a kind without a reference it defines the slip error.
+    - gains: gains for "pi" or "pi-lead", in place of those of the table or of this project.
+    - reference: reference slip in place of the column's. A controller that tracks no reference slip uses it only to
+      state the slip error.
     - knows_rail, adaptive, period: as in `published_controller`.
 
     InputError: an unknown name, or an option that the controller does not have.

@@ -1,10 +1,11 @@
 """Dead-time compensators with their exact loops: Smith predictors and the predictor-observer.
 
-All compensators control the plant G(s) exp(-tau s) with e = r - y, u = C(s) e. G = N/D has no dead time (from commanded
-torque, N*m, to -e, m/s), and q = exp(-tau s). Plants and controllers are python-control systems or `Rational`. Each
-loop is a ratio of quasi-polynomials. The sum of numerator and denominator is the characteristic function of plant and
-controller as realised; it includes hidden modes. The margins are exact; they apply to changes of the true plant, not of
-the model in the controller.
+All compensators control the plant G(s) exp(-tau s) with e = r - y, u = C(s) e. G = N/D is the plant without dead time,
+from commanded torque, N*m, to -e, m/s, and q = exp(-tau s). C0 = N0/D0 is the controller inside a Smith predictor.
+Plants and controllers are python-control systems or `Rational`. Each loop L is a ratio of quasi-polynomials. The sum of
+its numerator and denominator is the characteristic function of plant and controller, and includes modes that cancel in
+L (hidden modes). The margins are exact. They are tolerances for changes of the true plant while the model in the
+controller remains unchanged.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ _LARGEST_CONDITION = 1e12  # largest condition number of a controllability matri
 class Compensator:
     """Dead-time compensator C(s), N*m/(m/s), with its loop L = C G exp(-tau s).
 
-    Removable singularities (of a finite-time integral) remain in C as common zeros of numerator and denominator.
-    `hidden_unstable_poles` are closed-loop poles on or right of the axis, 1/s, that cancel in L and that no gain moves.
+    If C contains a finite-time integral, numerator and denominator of C have common zeros, which are not cancelled.
+    `hidden_unstable_poles` are closed-loop poles, 1/s, with real part >= 0 that cancel in L; no gain moves them.
     """
 
     structure: str
@@ -66,14 +67,15 @@ class Compensator:
 
 
 def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensator:
-    """Return the classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)), with C0 designed without dead time.
+    """Return the classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)).
 
-    - plant: G without dead time.
+    - plant: G, the plant without dead time.
     - dead_time: tau, s, >= 0.
-    - controller: C0.
+    - controller: C0, designed for the plant without dead time.
 
-    With an unstable plant the loop is unstable for every C0: C has a zero at each plant pole, and D is a factor of the
-    characteristic function D (D0 D + N0 N). `reason` reports this. InputError if C0 G is not strictly proper.
+    With an unstable plant the loop is unstable for every C0: C has a zero at each plant pole, so that the plant poles
+    are roots of the characteristic function D (D0 D + N0 N). The property `reason` of the result then says so.
+    InputError if C0 G is not strictly proper.
     """
     plant, controller = Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)
@@ -91,14 +93,15 @@ def filtered_smith_predictor(
 ) -> Compensator:
     """Return the filtered Smith predictor ([NormeyRico2009]): C = C0 F/(1 + C0 G (1 - F q)).
 
-    F(s) = (1 + b_1 s + ... + b_m s^m)/(filter_time s + 1)^(m + roll_off), with F(p_i) = exp(p_i tau) at the m
-    plant poles right of the axis. G (1 - F q) then has none of these poles and is realised without them (a finite-time
-    integral). Therefore the loop has no unstable hidden mode. Nominally T = F q N0 N/(D0 D + N0 N). The nominal poles
-    are those of the loop with C0 and G, those of F, and the stable poles of G.
+    F(s) = (1 + b_1 s + ... + b_m s^m)/(filter_time s + 1)^(m + roll_off), where m is the number of unstable plant poles
+    p_i. The coefficients b_i are chosen such that F(p_i) = exp(p_i tau). G (1 - F q) then has no unstable pole: it is
+    realised as a finite-time integral, and the loop has no unstable hidden mode. If the model in the controller is
+    exact, the complementary sensitivity is F q N0 N/(D0 D + N0 N). The closed-loop poles are then those of the loop
+    with C0 and G, those of F, and the stable poles of G.
 
-    - plant: G without dead time.
+    - plant: G, the plant without dead time.
     - dead_time: tau, s, >= 0.
-    - controller: C0.
+    - controller: C0, designed for the plant without dead time.
     - filter_time: time constant of F, s, > 0; a larger one gives more robustness and slower rejection of disturbances.
     - roll_off: number of additional poles of F, against noise.
 
@@ -120,7 +123,7 @@ def filtered_smith_predictor(
 
 
 def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, roll_off: int) -> tuple[Floats, Floats]:
-    """Return F in descending powers, with F(0) = 1 and F(p) = exp(p tau) at the poles right of the axis."""
+    """Return numerator and denominator of F in descending powers; F(0) = 1, F(p) = exp(p tau) at unstable poles p."""
     unstable = poles[poles.real >= 0]
     apart = np.abs(unstable[:, None] - unstable)
     np.fill_diagonal(apart, np.inf)
@@ -139,15 +142,25 @@ def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, r
 def observer_compensator(
     plant: Any, dead_time: float, *, feedback_poles: Sequence[complex], observer_poles: Sequence[complex]
 ) -> Compensator:
-    """Return state feedback with observer, prediction over the `dead_time` (tau, s, >= 0) and integral action.
+    """Return state feedback with an observer, prediction over the dead time, and integral action.
 
-    u(t) = -K [x^(t + tau); integral of y], where x^(t + tau) = exp(A tau) x^ + integral over 0..tau of
-    exp(A s) B u(t - s) ds is exact ([ManitiusOlbrot1979], [Artstein1982]; the integral state is predicted with it) and
-    x^' = A x^ + B u(t - tau) + Lo (y - C x^). The closed loop has finitely many poles, which are the given ones.
+    The plant without dead time is x' = A x + B u, y = C x. An observer with gain Lo estimates the state:
+    x^' = A x^ + B u(t - tau) + Lo (y - C x^). The state is predicted exactly over the dead time tau
+    ([ManitiusOlbrot1979], [Artstein1982]):
 
-    The n + 1 `feedback_poles` are those of plant (order n) and integrator, the n `observer_poles` of the observer, 1/s,
-    real or in conjugate pairs, left of the axis. InputError for other poles, or a plant that is not strictly proper, is
-    not reachable (a pole equals a zero), or has a zero at the origin, which rules out integral action.
+        x^(t + tau) = exp(A tau) x^(t) + integral over 0..tau of exp(A s) B u(t - s) ds.
+
+    The integral of y is predicted in the same way. The control is u(t) = -K times the predicted vector of x and the
+    integral of y. The closed loop has exactly the poles `feedback_poles` and `observer_poles`.
+
+    - plant: plant of order n without dead time.
+    - dead_time: tau, s, >= 0.
+    - feedback_poles: n + 1 poles of the plant and the integrator with state feedback, 1/s.
+    - observer_poles: n poles of the observer, 1/s.
+
+    The poles have negative real parts and are real or in conjugate pairs. InputError for other poles, or for a plant
+    that is not strictly proper, has a pole equal to a zero (not reachable), or has a zero at the origin, with which
+    integral action is impossible.
     """
     plant = Rational.from_control(plant, "plant")
     n = plant.poles.size
@@ -186,7 +199,7 @@ def observer_compensator(
 
 
 def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return N, D, N0, D0 in descending powers; InputError if C0 G is not strictly proper."""
+    """Return N, D, N0, D0 of G = N/D, C0 = N0/D0, in descending powers; InputError if C0 G is not strictly proper."""
     number("dead time", dead_time, "s", ge=0)
     if plant.relative_degree + controller.relative_degree < 1:
         raise InputError("Smith predictor: controller and plant together are not strictly proper; add a lag")
@@ -208,7 +221,7 @@ def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
 
 
 def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
-    """Return the row k for which a - b k has the poles, by Ackermann's formula.
+    """Return the feedback row k with which the matrix a - b k has the eigenvalues `poles`, by Ackermann's formula.
 
     SciPy's `place_poles` rejects repeated poles, and python-control's `place_acker` fails for bad scaling.
     """
@@ -226,5 +239,5 @@ def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
 
 
 def _adjugate_form(matrix: Floats, column: Floats, row: Floats) -> Floats:
-    """Return row adj(sI - matrix) column as a polynomial of degree n - 1, descending powers."""
+    """Return the polynomial row * adj(s I - matrix) * column, of degree n - 1, in descending powers of s."""
     return np.asarray(np.real(np.poly(matrix - column @ row) - np.poly(matrix))[1:])

@@ -1,27 +1,34 @@
 """D-decomposition of the (kp, ki) plane: gains for which a dead-time loop has closed-loop poles on the imaginary axis.
 
-The controller is C(s) = kp A(s) + ki/s + B(s) with d(s) = s/(derivative_filter s + 1), A = 1 + derivative_time d
-and B = derivative_gain d; a PI has A = 1, B = 0. With R(s) = exp(tau s)/P(s) + B(s) a pole at s = j omega means
+The plant is P(s) exp(-tau s). The controller is C(s) = kp A(s) + ki/s + B(s), where A and B contain the filtered
+derivative d(s) = s/(derivative_filter s + 1): A = 1 + derivative_time d, B = derivative_gain d. A PI has A = 1, B = 0.
+With R(s) = exp(tau s)/P(s) + B(s), the closed loop has a pole at s = j omega if
 
-    R(j omega) + kp A(j omega) + ki/(j omega) = 0,
+    R(j omega) + kp A(j omega) + ki/(j omega) = 0.
 
-two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). Together with the line
-ki = 0 (a pole at the origin) this curve divides the plane into cells, in each of which the number of unstable poles is
-constant ([Gryazina2008]).
+These are two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). They define a curve in
+the (kp, ki) plane. This curve and the line ki = 0 (a pole at the origin) divide the plane into cells. In each cell the
+number of unstable poles is constant ([Gryazina2008]).
 
-R/A is real where ki = 0. At a turning point of kp(omega), the derivative of R/Re A with respect to s is real, with Re A
-as a rational function of s. `real_frequencies` finds both kinds of points without a grid. Between turning points
-kp(omega) is monotone and has each value at most once.
+Two kinds of points of the curve are needed. Where the curve meets ki = 0, R/A is real. Where kp(omega) has a turning
+point, the derivative of R/Re A with respect to s is real (Re A is extended to a rational function of s).
+`real_frequencies` finds all these frequencies without a grid. Between turning points kp(omega) is monotone and has each
+value at most once.
 
-With dead time the curve has infinitely many branches. The last relevant branch is bounded as follows. The argument of
-the characteristic function (`loop.stability`) has these parts: the angles of the n poles and m zeros of the plant and
-of two each of the controller, each of which turns by at most pi; a principal value that changes by at most pi between
-gain crossovers, of which there are at most n + 2; and -tau omega wherever |L| > 1. Therefore
+With dead time the curve has infinitely many branches, of which only finitely many can bound a stable cell. A bound
+follows from the argument of the characteristic function (`loop.stability`), which is the sum of three parts:
 
-    tau * measure of {omega > 0: |L(j omega)| > 1} >= pi (2 n + m + 7)
+- the angles of n poles and m zeros of the plant and of two poles and two zeros of the controller; each angle turns by
+  at most pi
+- a principal value that changes by at most pi between gain crossovers; there are at most n + 2 gain crossovers
+- -tau omega wherever |L| > 1
 
-implies unstable poles. With |C| >= |kp| - |B| and |C| >= ki/omega - |kp A + B| this inequality bounds kp and ki; for a
-PI |C| >= ki/omega.
+Therefore the loop has unstable poles if
+
+    tau * measure of {omega > 0: |L(j omega)| > 1} >= pi (2 n + m + 7).
+
+With |C| >= |kp| - |B| this inequality bounds kp. With |C| >= ki/omega - |kp A + B|, or |C| >= ki/omega for a PI, it
+bounds ki.
 """
 
 from __future__ import annotations
@@ -59,10 +66,14 @@ _NOTHING = 1e-80  # |kappa| below this, near omega = 0, counts as its limit 0; t
 
 
 def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, highest: float) -> Floats:
-    """Return all omega, rad/s, 0 < omega < `highest`, at which F exp(tau s) + G is real, without the zeros of F.
+    """Return all frequencies omega, rad/s, at which F(s) exp(tau s) + G(s) is real for s = j omega.
 
-    `factor` is F, not 0, `other` G; Im G must not change its sign over omega > 0. `highest` is finite unless the
-    `dead_time`, s, is 0. The result is empty if the value is real everywhere.
+    - factor: polynomial F, not 0; frequencies at which F is 0 are left out.
+    - other: polynomial G; Im G must not change its sign over omega > 0.
+    - dead_time: tau, s.
+    - highest: upper end of the search, rad/s, excluded; finite unless `dead_time` is 0.
+
+    The result is empty if the function is real at every frequency.
     """
     if dead_time == 0:
         factor, other = factor + other, fmpq_poly([0])
@@ -93,7 +104,7 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
 
 
 def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]:
-    """Divide 0 < omega < `highest`, rad/s, at edges and jumps; return the lower and upper ends, next to each jump."""
+    """Divide 0 < omega < `highest`, rad/s, at edges and jumps; return lower and upper ends, which exclude the jumps."""
     every = np.union1d(edges, jumps)
     every = every[every < highest]
     jump = np.isin(every, jumps)
@@ -104,9 +115,9 @@ def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]
 def monotone_roots(
     function: Callable[[Floats, NDArray[np.intp]], Floats], low: Floats, high: Floats, side: Floats
 ) -> Floats:
-    """Return one root of each function, which is monotone from `low` to `high`; see `bracketed_roots`.
+    """Return one root of each of several functions that are monotone from `low` to `high`; see `bracketed_roots`.
 
-    `low` may be 0 and `high` infinite. `side` is the sign at the low end; the sign at the high end is opposite.
+    `low` may be 0 and `high` infinite. `side` is the sign of each function at `low`; at `high` the sign is opposite.
     """
     inner = np.where(low == 0, _between(low, high), low)
     outer = np.where(np.isinf(high), inner * _STEP_OUT, high)
@@ -130,7 +141,10 @@ def _between(low: Floats, high: Floats) -> Floats:
 
 
 class _Angles:
-    """Angles phi + asin kappa and phi - asin kappa: their polynomials, and their values in half turns."""
+    """Angles phi + asin kappa and phi - asin kappa of F and G: turning points, and values in half turns.
+
+    phi = tau omega + arg F and kappa = Im G/|F| at s = j omega.
+    """
 
     def __init__(self, factor: fmpq_poly, other: fmpq_poly, dead_time: float) -> None:
         self._dead_time = dead_time
@@ -143,14 +157,14 @@ class _Angles:
         self.on_axis = np.unique(self._roots.imag[(self._roots.real == 0) & (self._roots.imag > 0)])
 
     def ends(self) -> Floats:
-        """Return the frequencies, rad/s, at which |kappa| = 1."""
+        """Return the frequencies, rad/s, at which |kappa| = 1; each is an end of an interval with |kappa| < 1."""
         if self._other == 0:
             return np.array([])
         return _frequencies(self._gap)
 
     @property
     def _gap(self) -> fmpq_poly:
-        """Polynomial |F|^2 - (Im G)^2."""
+        """Polynomial |F|^2 - (Im G)^2 in omega^2, 0 where |kappa| = 1."""
         return self._axis.power - fmpq_poly([0, 1]) * self._other**2
 
     def turns(self) -> Floats:
@@ -172,7 +186,7 @@ class _Angles:
     def half_turns(self, omega: Floats, side: int, ends: Floats | None = None) -> Floats:
         """Return (phi + asin kappa)/pi for `side` 0, (phi - asin kappa)/pi for `side` 1.
 
-        `omega` may be 0 or infinite. `ends` are the frequencies at which |kappa| is 1 in spite of rounding.
+        `omega` may be 0 or infinite. At the frequencies `ends` |kappa| is set to 1, without rounding errors.
         """
         inner = np.clip(omega, 1e-100, 1e100)
         phase = angle_sum(self._roots, inner) / np.pi + self._turned + self._dead_time * inner / np.pi
@@ -190,7 +204,7 @@ class _Angles:
 
 
 def _frequencies(polynomial: fmpq_poly) -> Floats:
-    """Return the square roots of the positive real roots, rad/s."""
+    """Return the frequencies omega > 0, rad/s, at which a polynomial in omega^2 is 0."""
     with ctx.workprec(_BITS):
         return np.array([float(omega.mid()) for omega, _ in positive_square_roots(polynomial)])
 
@@ -211,9 +225,10 @@ def stable_intervals(
 
     `count` counts the unstable poles at a gain, `scale` is a typical gain. If `signed`, gains may be negative.
 
-    Only boundaries marked leftward can lower the count, each by at most 2; all others raise it. With n unstable poles
-    the poles need to be counted again only after (n + 1)//2 leftward boundaries, and after a stable interval at the
-    next leftward boundary.
+    As the gain rises, the number of unstable poles can fall only at critical gains marked leftward, by at most 2 at
+    each; at all others it rises. Therefore an interval with n unstable poles is followed by at least (n + 1)//2
+    leftward gains before the next stable interval, and a stable interval by at least one. Intervals before these gains
+    are skipped without a count.
     """
     limit = critical.complete_to
     edges = [-limit if signed else 0.0, *critical.values.tolist(), limit]
@@ -275,10 +290,10 @@ _SURELY_FALLING = 1e-9  # relative slope below which the direction of a crossing
 
 @dataclass(frozen=True)
 class CriticalGains:
-    """Values of one gain at which poles are on the axis, ascending.
+    """Values of one gain at which closed-loop poles are on the imaginary axis, ascending.
 
-    No gain larger in magnitude than `complete_to` stabilises; inf without dead time. `leftward` marks the values at
-    which an increasing gain may move poles to the left; at all others a pair moves to the right.
+    No gain with magnitude above `complete_to` stabilises; `complete_to` is inf without dead time. `leftward` marks the
+    values at which poles may move to the left as the gain rises; at all others a pair of poles moves to the right.
     """
 
     values: Floats
@@ -287,7 +302,7 @@ class CriticalGains:
 
     @classmethod
     def within(cls, low: float, high: float, values: Floats, leftward: Flags) -> CriticalGains:
-        """Return the critical gains between two bounds, sorted."""
+        """Return the `values` between `low` and `high`, sorted, as critical gains with `high` as `complete_to`."""
         inside = np.flatnonzero((values > low) & (values < high))
         order = inside[np.argsort(values[inside], kind="stable")]
         return cls(values[order], leftward[order], high)
@@ -295,7 +310,10 @@ class CriticalGains:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Plant, dead time (s) and fixed derivative part: time and filter in s, gain in units of kp times s."""
+    """D-decomposition for a plant, a dead time (s), and a fixed derivative part of the controller.
+
+    `derivative_time` and `derivative_filter` are in s, `derivative_gain` is in units of kp times s.
+    """
 
     plant: Rational
     dead_time: float
@@ -304,29 +322,29 @@ class Decomposition:
     derivative_filter: float = 0.0
 
     def controller(self, kp: float, ki: float) -> Rational:
-        """Return C(s) in factored form, without integrator if ki = 0."""
+        """Return the controller C(s) with zeros, poles and gain; it has no integrator if ki = 0."""
         return _controller(kp, ki, self.derivative_gain + kp * self.derivative_time, self.derivative_filter)
 
     # -- the boundary curve -------------------------------------------------------------------------------
 
     def inverse(self, omega: Floats) -> Complexes:
-        """Return R(j omega) for omega > 0, rad/s."""
+        """Return R(j omega) of the module's equation for omega > 0, rad/s."""
         delayed = self._delayed(omega)
         return delayed + self.derivative_gain * self._derivative(omega) if self.derivative_gain else delayed
 
     def _delayed(self, omega: Floats) -> Complexes:
-        """Return the part R - B, which has the dead time."""
+        """Return R - B = exp(tau s)/P at s = j omega."""
         plant, s = self.plant, 1j * omega[..., None]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             value = np.prod(s - plant.poles, axis=-1) / np.prod(s - plant.zeros, axis=-1)
             return np.asarray(value / plant.gain * np.exp(1j * omega * self.dead_time))
 
     def proportional(self, omega: Floats) -> Complexes | float:
-        """Return A(j omega) for omega, rad/s."""
+        """Return A(j omega) of the module's equation for omega, rad/s."""
         return 1 + self.derivative_time * self._derivative(omega) if self.derivative_time else 1.0
 
     def slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Floats]:
-        """Return dR/d omega, dA/d omega and the sum of the magnitudes of the terms of R."""
+        """Return dR/d omega, dA/d omega and |R - B| + |B|."""
         delayed = self._delayed(omega)
         d_slope = 1j / (1 + 1j * omega * self.derivative_filter) ** 2
         slope = delayed * (1j * self.dead_time - self.plant.log_slope(omega)) + self.derivative_gain * d_slope
@@ -365,7 +383,7 @@ class Decomposition:
         return CriticalGains.within(-self.largest_kp, self.largest_kp, values, leftward)
 
     def integral_gains(self, kp: float) -> CriticalGains:
-        """Return all ki > 0 for which the loop with this kp has poles on the axis; |kp| <= `largest_kp`."""
+        """Return all ki > 0 for which the loop with this kp has poles on the imaginary axis; |kp| <= `largest_kp`."""
         low, high, first, last = self._branches
         at = np.flatnonzero((first < kp) != (last < kp))
 
@@ -389,7 +407,7 @@ class Decomposition:
 
     @cached_property
     def _branches(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Ends of the intervals of omega > 0 on which kp(omega) is monotone, and kp, or its limit, at each end."""
+        """Lower and upper ends of the intervals of omega > 0 on which kp(omega) is monotone, and kp at these ends."""
         zeros = self.plant.zeros
         poles = np.unique(zeros.imag[(zeros.real == 0) & (zeros.imag > 0)])  # poles of R
         low, high = parts(self.turning_points, poles, self._limit)
@@ -415,7 +433,7 @@ class Decomposition:
 
     @property
     def _fixed(self) -> fmpq_poly:
-        """Numerator polynomial of B."""
+        """Numerator polynomial of B, the derivative part with fixed gain."""
         return fraction(self.derivative_gain) * _S
 
     @cached_property
@@ -427,7 +445,7 @@ class Decomposition:
 
     @property
     def _rational(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
-        """Polynomials a and b with exp(tau s) a/b = R - B, divided by Re A if A is not 1, and the denominator of B."""
+        """Polynomials a, b and the denominator of B; exp(tau s) a/b is R - B, divided by Re A unless A is 1."""
         den, num, lag, lead = self._polynomials
         if self.derivative_gain:
             return den, num, lag
@@ -441,7 +459,7 @@ class Decomposition:
 
     @property
     def _ends(self) -> tuple[float, float]:
-        """Values of A and B at infinity, where both are largest."""
+        """Values of A and B at infinite frequency, where their magnitudes are largest."""
         lag = self.derivative_filter or 1.0
         return 1 + self.derivative_time / lag, self.derivative_gain / lag
 
@@ -459,7 +477,7 @@ class Decomposition:
 
     @property
     def _largest_proportional(self) -> float:
-        """Upper bound of |kp A + B| on the axis."""
+        """Upper bound of |kp A + B| on the imaginary axis for |kp| <= `largest_kp`."""
         shape, fixed = self._ends
         return self.largest_kp * shape + abs(fixed)
 
@@ -477,9 +495,9 @@ class Decomposition:
     def _unstable_from(
         self, system: Rational, factor: Callable[[float], float], highest: Callable[[float], float]
     ) -> float:
-        """Return a gain k from which up the loop is unstable by the inequality at the top of the module.
+        """Return a gain k such that every gain >= k meets the module's inequality and is therefore unstable.
 
-        The loop gain |L| is at least |system| factor(k) up to the frequency highest(k), rad/s.
+        With gain k, |L| is at least factor(k) times |system| up to the frequency highest(k), rad/s.
         """
         needed = np.pi * (2 * self.plant.poles.size + self.plant.zeros.size + 7) / self.dead_time
         size = system.log_size(np.linspace(0.0, 1.5 * needed, 301)[1:])
@@ -489,7 +507,7 @@ class Decomposition:
         return gain
 
     def _width_above_one(self, system: Rational, highest: float) -> float:
-        """Return the measure of the frequencies 0 < omega < highest with |system| > 1, rad/s."""
+        """Return the total width, rad/s, of the intervals below `highest` in which |system| > 1."""
         ends = np.minimum(np.append(0.0, Response(system, 0.0).gain_crossovers), highest)
         inside = system.log_size(0.5 * (ends[:-1] + ends[1:])) > 0
         return float(np.sum(np.diff(ends)[inside]))
@@ -505,7 +523,7 @@ class Decomposition:
 
     @cached_property
     def _limit(self) -> float:
-        """Frequency, rad/s, above which no gain within the bounds puts a pole on the axis; inf without dead time."""
+        """Frequency, rad/s, above which no kp and ki within bounds put a pole on the axis; inf without dead time."""
         if self.dead_time == 0:
             return np.inf
         if self.plant.gain == 0:
@@ -526,7 +544,7 @@ class Decomposition:
 
 
 def _mirrored(polynomial: fmpq_poly) -> fmpq_poly:
-    """Return the polynomial of -s."""
+    """Return the polynomial p(-s) for the polynomial p(s)."""
     return polynomial(-_S)
 
 
@@ -535,10 +553,12 @@ def _even(polynomial: fmpq_poly) -> fmpq_poly:
 
 
 def _may_rise(omega: Floats, slope: Floats, size: Floats) -> Flags:
-    """Mark frequencies at which a function with the given slope, and terms of the given size, may rise or be constant.
+    """Mark frequencies at which the slope of a function of omega is not surely negative.
 
-    With F(s, k) the left side of the module's equation, a pole on the axis moves by ds = -dk (dF/dk)/(dF/ds). Its real
-    part has the sign of -d/d omega of Im (R/A) for k = kp, and of Re (R + kp A) for k = ki.
+    `size` is the sum of the magnitudes of the function's terms, which bounds the rounding error. The slope decides how
+    poles cross the axis: let F(s, k) be the left side of the module's equation for a gain k. A pole on the axis moves
+    by ds = -dk (dF/dk)/(dF/ds), and Re ds/dk has the sign of -d/d omega of Im (R/A) for k = kp, and of -d/d omega of
+    Re (R + kp A) for k = ki.
     """
     return np.asarray(slope * omega > -_SURELY_FALLING * size)
 

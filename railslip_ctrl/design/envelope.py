@@ -1,6 +1,6 @@
 """The design envelope: all operating points at which a design must work, and the tolerances around each.
 
-The table is in the vehicle's TOML file, or in a file of its own. Every key is optional; these are the defaults:
+The envelope is a table of the vehicle's TOML file, or of a file of its own. Every key is optional; the defaults are:
 
     [envelope]
     rails = ["dry", "wet"]
@@ -63,18 +63,20 @@ _KNIFE_EDGE = 0.05  # relative distance to the peak slip below which a small cha
 
 
 class Envelope(Record):
-    """Operating points at which a design must work: each value of a list is combined with each value of all others.
+    """Operating points at which a design must work, and tolerances around each of them.
 
-    Operating points are at the reference slip, with the actuator and the wheel as given. Around each, the factors of
-    `slip`, `dead_time`, `lag`, `radius` and the errors of sensors and brake are combined. If the controller has a wrong
-    train speed or wheel radius, the true slip differs from the measured one, unless the controller finds the slip by
-    itself. A gradient is a constant force and changes no loop. "loaded" is the vehicle's loaded mass and wheel load.
-    A published law depends on the load; a law from a file has the same mu at every load. A given `reference` replaces
-    the reference slip of every law. A field that is not given has the value of the table [envelope] in the vehicle's
-    file, or the default. Default speeds go up to the vehicle's speed limit, if it has one.
+    Each combination of rail, law, speed and load is an operating point at the reference slip, with dead time, lag and
+    wheel radius of the vehicle. Around each operating point all combinations of the factors `slip`, `dead_time`, `lag`,
+    `radius`, `torque_gain`, `speed_scale` and `believed_radius` are cases with tolerances. `speed_scale` and
+    `believed_radius` are errors of the measured slip: the controller then holds a wrong true slip. They do not change
+    the slip of a controller that finds its slip by itself. The load "loaded" means the vehicle's loaded mass and wheel
+    load. A published law depends on the load; a law from a file has the same mu at every load. `reference` replaces the
+    reference slip of every law. A field that is not given has the value of the table [envelope] in the vehicle's file,
+    or the default. The default speeds go up to the vehicle's speed limit, if it has one. Gradients are not part of an
+    envelope, because a constant force changes no loop.
 
-    InputError: a list that is empty or too long; a value of wrong type, or not finite and positive (dead time and lag
-    may be 0); an unknown law; a factor with which the reference slip would be 1 or more.
+    InputError: a list that is empty, or makes too many cases; a value of wrong type, or not finite and positive (dead
+    time and lag may be 0); an unknown law; a factor with which the reference slip would be 1 or more.
     """
 
     vehicle: Vehicle = Field(PARK2008, description="the quarter car with its brake")
@@ -117,7 +119,7 @@ class Envelope(Record):
     @field_validator("rails", "laws", "speeds", "loads", *_FACTORS, mode="before")
     @classmethod
     def _a_list(cls, value: object) -> object:
-        """Tuple of the different values; a single value becomes a tuple of one."""
+        """Tuple of the values without repetitions; a single value becomes a tuple with this value."""
         if isinstance(value, dict):
             raise InputError(f"{shown(value)} is not allowed; give a list")
         if isinstance(value, np.ndarray):
@@ -162,14 +164,17 @@ class Envelope(Record):
 
     @property
     def law_speed(self) -> float:
-        """Speed v0 of the published laws, km/h: the initial speed; if it is the speed limit, clipped to their range."""
+        """Speed v0 of the published laws, km/h: the initial speed.
+
+        An initial speed equal to the vehicle's speed limit is limited to the speeds for which the laws are valid.
+        """
         low, high = INITIAL_SPEED_RANGE_KMH
         limit = self.vehicle.speed_limit
         follows = limit is not None and math.isclose(self.initial_speed, limit / KMH, rel_tol=1e-6)
         return min(max(self.initial_speed, low), high) if follows else self.initial_speed
 
     def check_files(self) -> None:
-        """Read the laws that are given as files, and raise their errors now instead of in `points`."""
+        """Read the law files, so that InputError for a wrong file is raised now and not later in `points`."""
         self._check([law for law in self.laws if _is_file(law)])
 
     def _check(self, laws: list[Any]) -> None:
@@ -182,11 +187,11 @@ class Envelope(Record):
                 _reference(self, law_on_rail, rail)
 
     def at(self, **changes: Any) -> Envelope:
-        """Return a checked copy of the envelope with the fields in `changes` changed."""
+        """Return a copy of the envelope with other values of the fields named in `changes`, checked as a new one."""
         return type(self)(**{**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
 
     def table(self) -> dict[str, Any]:
-        """Envelope for TOML or JSON, without the vehicle."""
+        """Fields of the envelope, except the vehicle, as a dictionary for TOML or JSON."""
         named = [law.file or law.name if isinstance(law, AdhesionLaw) else str(law) for law in self.laws]
         reference = {} if self.reference is None else {"reference": self.reference.model_dump()}
         numeric = {name: list(getattr(self, name)) for name in _FACTORS}
@@ -204,7 +209,7 @@ class Envelope(Record):
         """Return all cases, ordered by rail, law, load, speed, radius, slip, errors, dead time and lag.
 
         - nominal: if true, only the operating points, without tolerances.
-        - held: function that gives the slip to hold, in place of the reference slip.
+        - held: function that computes the slip ratio of an operating point, in place of the reference slip.
 
         A case without linear plant (outside the law's domain, or at a kink) is skipped, and the reason is recorded.
         InputError if no case remains, a law cannot be read, or no reference slip is known.
@@ -214,7 +219,7 @@ class Envelope(Record):
     def knife_edges(self) -> tuple[str, ...]:
         """Warning for each law and rail whose reference slip is within 5 % of the adhesion peak at some speed.
 
-        Near the peak the slip pole changes its sign, and small changes of slip change the margins much.
+        At the peak the slip pole changes its sign, so that small changes of slip there have a large effect on margins.
         """
         warnings: dict[str, str] = {}
         for rail, law, _, load in _laws(self):
@@ -237,9 +242,10 @@ def _beside(held: float, top: float) -> str:
 
 @checked
 def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
-    """Read the table `[envelope]` of a TOML file, speeds in km/h; a vehicle's file without it gives the default table.
+    """Read the table `[envelope]` of a TOML file, speeds in km/h.
 
-    - path: a vehicle's file, or a file with the envelope alone. Paths of laws are relative to this file.
+    - path: a vehicle's file, or a file with the envelope alone. Paths of laws are relative to this file. A vehicle's
+      file without the table has the default envelope.
     - vehicle: quarter car; by default the vehicle of the file.
 
     InputError, with file, key and value in one line: a file that cannot be read, or has neither an envelope nor a
@@ -273,13 +279,14 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
 
 @dataclass(frozen=True)
 class Case:
-    """One case of an envelope: an operating point with its tolerances.
+    """One case of an envelope: an operating point, or a variation of it within the tolerances.
 
     - point: operating point; its vehicle has the load, wheel radius and actuator of the case.
     - load: "empty" or "loaded".
     - slip_factor: slip over reference slip.
-    - nominal: vehicle of the envelope, without load and tolerances.
-    - errors: acting over commanded torque, measured over true train speed, assumed over true wheel radius.
+    - nominal: vehicle of the envelope, empty and without tolerances.
+    - errors: three ratios: acting torque over commanded torque, measured train speed over true train speed, wheel
+      radius assumed by the controller over true wheel radius.
     """
 
     point: OperatingPoint
@@ -332,15 +339,14 @@ class Case:
 
 @dataclass(frozen=True)
 class EnvelopePoints:
-    """Cases of an envelope: linear plants, each with all its actuators.
+    """The n cases of an envelope, each a linear plant with an actuator.
 
-    - plants, loads, slip_factors: linearised plants, with load and slip factor of each; the vehicle of a plant has the
-      load and the radius of the case.
-    - errors: errors of each plant, as in `Case`.
-    - actuators: actuators; the first is that of the vehicle.
-    - plant, actuator: (n,), index of plant and actuator of each case.
-    - operating: (n,), whether the case is an operating point, all factors 1.
-    - skipped: cases without linear plant, with the reason.
+    - plants: linearised plants; the vehicle of a plant has the load and wheel radius of the case.
+    - loads, slip_factors, errors: load, slip factor and errors of each plant, as in `Case`.
+    - actuators: actuators; the first is that of the vehicle, the others have dead time and lag with tolerances.
+    - plant, actuator: (n,), indices into `plants` and `actuators` for each case.
+    - operating: (n,), whether the case is an operating point, which has all factors 1.
+    - skipped: description of each combination that has no linear plant, with the reason.
     - made: cached results of `system`, shared with subsets of these cases.
     """
 
@@ -377,12 +383,12 @@ class EnvelopePoints:
         return np.array(self.loads)[self.plant]
 
     def take(self, chosen: NDArray[Any]) -> EnvelopePoints:
-        """Subset of the cases, by index or by flag."""
+        """Subset of the cases; `chosen` is an array of their indices, or (n,) flags."""
         some = {name: getattr(self, name)[chosen] for name in ("plant", "actuator", "operating")}
         return replace(self, **some)
 
     def case(self, index: int) -> Case:
-        """Case with an index."""
+        """Case number `index`, from 0."""
         i = int(self.plant[index])
         point = self.plants[i].point
         car = point.vehicle.model_copy(update={"actuator": self.actuators[int(self.actuator[index])]})
@@ -448,14 +454,14 @@ def _plant(
 
 
 def _worn(car: Vehicle, factor: float) -> Vehicle:
-    """Vehicle with `factor` times its wheel radius."""
+    """Copy of the vehicle with its wheel radius multiplied by `factor`."""
     if factor == 1.0:
         return car
     return car.model_copy(update={"wheel": car.wheel.model_copy(update={"radius": factor * car.wheel.radius})})
 
 
 def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]]:
-    """Tuples of rail, law at the wheel load, name of the load, and vehicle with the load."""
+    """Yield rail, law at the wheel load, name of the load, and vehicle with the load, for all combinations."""
     car = envelope.vehicle
     loads = {name: car if name == "empty" else car.loaded() for name in envelope.loads}
     distinct = {
@@ -466,10 +472,10 @@ def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]
 
 
 def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: Envelope) -> AdhesionLaw:
-    """Law on a rail under a load.
+    """Law on a rail at the wheel load of the vehicle `loaded`.
 
-    A law that is not published keeps the mu of the wheel load at which it was identified. This is the wheel load of the
-    empty vehicle, unless the law or its file states another.
+    For a law that is not a published one, mu is the same as at the wheel load at which the law was identified. This is
+    the wheel load of the empty vehicle, unless the law or its file states another.
     """
     found_at: float | None = None
     if isinstance(law, AdhesionLaw):
@@ -494,7 +500,7 @@ def _is_file(law: str | Path | AdhesionLaw) -> bool:
 
 
 def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
-    """Reference slip on a rail; InputError if there is none, or if a factor of the envelope makes it 1 or more."""
+    """Reference slip on a rail; InputError if there is none, or if it is 1 or more with a factor of the envelope."""
     given = envelope.reference
     slip = law.reference_slip(rail) if given is None else float(getattr(given, rail.value))
     if slip is not None and slip * max(envelope.slip) >= 1:

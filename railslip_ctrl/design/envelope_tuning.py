@@ -40,7 +40,7 @@ Tuner = Callable[[Sequence[LinearPlant]], TunedCases]
 class Design:
     """Controller with its `judgement` over an envelope; `simulate`, `campaign` and `judge` accept it.
 
-    `reason` states why the required Ms is not met at the speeds that the controller controls; empty if it is met.
+    `reason` states why Ms is larger than required at speeds above the hand-over speed; empty if Ms is small enough.
     """
 
     controller: Controller
@@ -49,7 +49,7 @@ class Design:
 
     @property
     def structure(self) -> str:
-        """Kind of its controller."""
+        """Name of the kind of the controller."""
         return self.controller.kind
 
     def __str__(self) -> str:
@@ -76,13 +76,13 @@ def by_rule(
     nominal: bool = False,
     period: float | None = None,
 ) -> Design:
-    """Return the controller of a kind whose parameters follow from the vehicle, with its judgement.
+    """Compute the parameters of a controller from the vehicle, without tuning, and judge the controller.
 
-    - kind: class of the controller.
-    - envelope: operating points and tolerances for the judgement.
+    - kind: class of the controller, which has a rule for its parameters.
+    - envelope: vehicle, and operating points and tolerances for the judgement.
     - ms_max: required Ms, a ratio, > 1; a `Design` with a larger Ms has a `reason`.
     - nominal: if true, judge without tolerances.
-    - period: sampling period, s; by default that of the kind's rule.
+    - period: sampling period, s; by default the rule of the kind sets it.
     """
     fields = {} if period is None else {"period": check_period(period)}
     control = kind.for_vehicle(envelope.vehicle, **fields)
@@ -94,10 +94,11 @@ def by_rule(
 
 
 def hand_over_of(judgement: Judgement) -> float:
-    """Return the hand-over speed, km/h, below which the design does not control the slip, from its `judgement`.
+    """Return the hand-over speed, km/h, of a judged design: below it the controller should not control the slip.
 
-    It is the lowest speed at which the design is robust. If the design is robust nowhere, it is the lowest speed at
-    which the design is stable with every tolerance. It is 0 (no hand-over) for an envelope with a single speed.
+    It is the speed of the envelope from which up the design is robust. If the design is not robust at the highest
+    speed, it is the speed from which up every loop is stable. For an envelope with a single speed, and if no speed
+    qualifies, it is 0: no hand-over.
     """
     robust = judgement.robust_from_kmh
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
@@ -121,25 +122,28 @@ def tune(
 ) -> Design:
     """Tune one controller for all operating points of an envelope, empty and loaded, with the largest integral gain.
 
-    If the parameters of the kind follow from the vehicle, they are computed and not tuned. The arguments are the
-    options of `railslip tune`.
+    The gains are tuned at the operating points. The tolerances are used only for the judgement. If a rule of the kind
+    computes the parameters from the vehicle, they are not tuned. `railslip tune` has the same options.
 
     - envelope: operating points and tolerances of the controller.
-    - structure: a kind: "pi"; "pi-lead", whose lead cancels the actuator's lag; "pid", whose derivative time is
-      searched; a kind whose parameters follow from the vehicle, such as "seeking"; or the class of your own kind.
-    - ms_max: largest Ms at the operating points, a ratio, > 1, of the continuous and the sampled loop; 2 if there is no
-      other requirement. Tolerances are judged, but not used for tuning.
+    - structure: name of a kind: "pi"; "pi-lead", whose lead cancels the actuator's lag; "pid", whose derivative time is
+      searched; a kind with a rule, such as "seeking"; or the class of your own kind.
+    - ms_max: largest Ms at the operating points, a ratio, > 1, of the continuous and the sampled loop. The default is 2
+      if neither `phase_min`, `delay_min` nor `minimise_ms` is given, else no limit.
     - phase_min, delay_min: smallest phase margin, deg, and smallest delay margin, s.
-    - minimise_ms, ki_min: minimise the worst Ms, at an integral gain of at least `ki_min`, N*m/m; without them the
-      integral gain is maximised.
+    - minimise_ms: if true, the worst Ms is minimised; by default the integral gain is maximised.
+    - ki_min: smallest integral gain, N*m/m, for `minimise_ms`, which needs it.
     - nominal: judge without tolerances.
-    - lead, lead_filter: time constants of the lead, s; by default the actuator's lag, and a tenth of the lead.
-    - period: sampling period, s; by default 10 ms, or that of the kind's rule; at most twice `lead_filter`.
+    - lead, lead_filter: time constants of the lead and of its filter, s; by default the lead is the actuator's lag, and
+      the filter a tenth of the lead.
+    - period: sampling period, s, at most twice `lead_filter`; by default 10 ms, or the period that the kind's rule
+      sets.
 
-    Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, with tolerances.
+    Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope.
     InfeasibleDesignError: no gains meet the specification. The message has the lowest speed (km/h) above which some
-    gains meet it, also for a smaller reference slip and for a faster brake. InputError: an unknown structure, a number
-    out of range, `ki_min` or `minimise_ms` alone, an argument that the structure does not use, or an envelope without
+    gains meet the specification. It also has this speed for a smaller reference slip, and for a brake with shorter dead
+    time and lag, if some gains then meet the specification. InputError: an unknown structure, a number out of range,
+    `ki_min` without `minimise_ms` or the reverse, an argument that the structure does not use, or an envelope without
     points.
     """
     specification, kind = Specification(ms_max, phase_min, delay_min), structure_named(structure)
@@ -174,10 +178,10 @@ def tune_over(
     nominal: bool = False,
     period: float | None = None,
 ) -> tuple[TunedCases, Design | None]:
-    """Tune as `tune`, for any specification; return the tuning problem with its result, and the design.
+    """Tune a controller as `tune` does, for any specification; return the tuned gains as `TunedCases`, and the design.
 
-    If the specification is infeasible, the tuning problem has the reason and the design is None. The arguments are
-    those of `tune`, with the class `kind` as structure. If `nominal`, only the operating points are judged.
+    If the specification is infeasible, `TunedCases` has the reason and the design is None. The arguments are those of
+    `tune`, with the class `kind` as structure. If `nominal`, only the operating points are judged.
     """
     hold = PERIOD if period is None else check_period(period)
     points = envelope.points(nominal=nominal)
@@ -219,10 +223,11 @@ def _with_hold(actuator: Actuator, period: float) -> Actuator:
 def sampled_below(
     design: PIController, period: float | None, plants: Sequence[LinearPlant], actuator: Actuator, ms_max: float | None
 ) -> SampledController:
-    """Return the sampled controller of a design, with ki reduced until no sampled loop has a larger Ms than `ms_max`.
+    """Sample a controller, and reduce its ki until Ms of every sampled loop is at most `ms_max`.
 
-    The `design` was tuned for `plants` and `actuator` with half a sampling `period`, s, of additional dead time. If Ms
-    is still larger after `_KI_STEPS` reductions, the last controller is returned; the judgement then shows this Ms.
+    The continuous `design` was tuned for `plants` and `actuator` with half a sampling `period`, s, of additional dead
+    time. If Ms is still larger after `_KI_STEPS` reductions, the last controller is returned; the judgement then shows
+    this Ms.
     """
     step, critical = _KI_STEP, list(plants)
     for _ in range(_KI_STEPS):
@@ -257,14 +262,14 @@ def judged_design(
 
 
 def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPlant]:
-    """Return the plants at the lowest speed >= `from_kmh` and at the highest speed: usually the hardest to control."""
+    """Return the plants at the lowest speed >= `from_kmh` and at the highest speed, usually the hardest to control."""
     speeds = [v for plant in plants if (v := plant.point.speed_kmh) > 0.999 * from_kmh]
     ends = min(speeds), max(speeds)
     return [plant for plant in plants if plant.point.speed_kmh in ends]
 
 
 def _tuned_at_ends(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases:
-    """Tune for the plants at the lowest and the highest speed: if this is infeasible, the whole problem is too."""
+    """Tune for the plants at the lowest and the highest speed; if no gains meet the specification, none do for all."""
     tuned = tuned_at(_ends(plants))
     if tuned.design is not None or len(tuned.points) == len(plants):
         return tuned
@@ -273,7 +278,7 @@ def _tuned_at_ends(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases
 
 
 def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> TunedCases:
-    """Extend a design for some plants to all: add the plants that violate the specification most, and tune again.
+    """Tune for all plants, from a design for some: add the plants that violate the specification most, and tune again.
 
     A design that is optimal for a subset of the plants and feasible for all of them is optimal for all.
     """
@@ -318,7 +323,7 @@ def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Act
 
 
 def _remedies(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: float) -> Iterator[str]:
-    """Yield remedies for an infeasible specification as text: the lowest speed, a smaller slip, a faster brake."""
+    """Yield remedies for an infeasible specification as text: only higher speeds, a smaller slip, a faster brake."""
     brake, points = envelope.vehicle.actuator, envelope.points(nominal=True)
     plants, slips, delayed = operating_plants(points), common_reference(envelope, points), _with_hold(brake, period)
     lowest = _feasible_from(tuned_at, plants, delayed)
@@ -348,9 +353,9 @@ def operating_plants(points: EnvelopePoints) -> list[LinearPlant]:
 
 
 def common_reference(envelope: Envelope, points: EnvelopePoints) -> ReferenceSlip | None:
-    """Return the reference slips on dry and wet rail; None if the adhesion laws have different ones.
+    """Return the reference slips on dry and wet rail; None if they differ between the adhesion laws.
 
-    A rail that is not in the envelope has the slip of the other rail.
+    If the envelope has only one rail, its slip is also returned for the other rail.
     """
     if envelope.reference is not None:
         return envelope.reference
@@ -365,7 +370,7 @@ def common_reference(envelope: Envelope, points: EnvelopePoints) -> ReferenceSli
 
 
 REFERENCE_FACTORS = (1.0, 0.75, 0.5)
-"""Factors on the reference slips of the envelope that are tried."""
+"""Factors that `select` tries on the reference slips of the envelope."""
 
 REACH_SHARE = 0.5
 """Share of the stopping time within which a design must build up the torque of its reference slip."""
@@ -395,14 +400,16 @@ _BINDING = 6  # number of cases of each speed, for the lower and for the upper b
 
 @dataclass(frozen=True)
 class StructureChoice:
-    """Candidate of `select`: a structure with its reference slips, and the design; None, with a `reason`, if it failed.
+    """Candidate of `select`: a structure with a factor on the reference slips, and the design tuned for it.
 
+    - structure: "pi" or "pi-lead".
     - reference_factor: factor on the envelope's reference slips.
-    - reach_s: longest time, s, in which the integral builds up the torque of the reference slip, over the operating
-      points of highest speed.
-    - stop_s: stopping time from the highest speed, s, with the adhesion of the reference slip.
-    - adhesion_share: adhesion at the candidate's reference slips over adhesion at the envelope's reference slips, the
-      smallest over the operating points.
+    - design: the tuned controller with its judgement; None if no gains stabilise the loops, with `reason` why.
+    - reach_s: time, s, in which the integral term builds up the torque that holds the reference slip, at the operating
+      point of the highest speed at which this time is longest relative to `stop_s`.
+    - stop_s: time, s, of a stop from the envelope's initial speed with the adhesion of that operating point.
+    - adhesion_share: ratio of the adhesion at the candidate's reference slip to that at the envelope's reference slip,
+      the smallest over the operating points.
     - lead_filter: time constant of the lead's filter, s.
     """
 
@@ -422,7 +429,7 @@ class StructureChoice:
 
     @property
     def tier(self) -> tuple[bool, float, float]:
-        """Sort key for the first three lines of the criterion of `select`; smaller is better."""
+        """Sort key for the first three items of the list in `select`; smaller is better."""
         if self.design is None:
             return True, math.inf, math.inf
         judgement = self.design.judgement
@@ -432,7 +439,7 @@ class StructureChoice:
 
     @property
     def rank(self) -> tuple[tuple[bool, float, float], bool, float, str]:
-        """Sort key by the criterion of `select`; smaller is better."""
+        """Sort key for all items of the list in `select`; smaller is better."""
         return self.tier, not self.reaches, -self.reference_factor, self.structure
 
     @property
@@ -473,16 +480,16 @@ def select(
 ) -> Selection:
     """Select the best PI or PI-lead for an envelope, at its reference slip or a smaller one, sampled every 10 ms.
 
-    The criterion has this order:
+    Two candidates are compared by the first of these items in which they differ:
 
-    - robust from some speed up (Ms <= 2 at the operating points, and stable with every tolerance)
-    - stable with every tolerance from the lowest speed
-    - robust from the lowest speed; if robust nowhere, the smallest worst Ms
-    - the reference slip is reached: the integral builds up the necessary torque within half the stopping time
-    - the larger reference slip
+    - robust (Ms <= 2 at the operating points, and stable with every tolerance) at the highest speed
+    - lower speed from which up the loops are stable with every tolerance
+    - lower speed from which up the design is robust; if it is robust at no speed, smaller worst Ms
+    - reference slip reached: the integral term builds up the necessary torque within half the stopping time
+    - larger reference slip
 
-    For one structure and reference slip, the gains are those with the largest ki among the gains that are stable from
-    the lowest speed with Ms <= 2. If no gains have Ms <= 2, the limit is 5 % above the smallest Ms.
+    For each structure and reference slip, the gains with the largest ki are chosen among those that are stable, with
+    Ms <= 2, from the lowest possible speed up. If no gains have Ms <= 2, Ms may be 5 % above its smallest value.
 
     - envelope: operating points and tolerances of the design.
     - structures: "pi", "pi-lead" or both; the lead cancels the actuator's lag.
@@ -520,7 +527,7 @@ def _choice(
     lead: tuple[float, float],
     reference: ReferenceSlip | None,
 ) -> StructureChoice:
-    """Tune one candidate; `lead` has the time constants of the lead and its filter, s."""
+    """Tune one candidate of `select`; `lead` has the time constants of the lead and of its filter, s."""
     period = run_period(PIController(PIGains(kp=1.0, ki=0.0), *lead))
     delayed = replace(points, actuators=tuple(_with_hold(actuator, period) for actuator in points.actuators))
     try:
@@ -535,16 +542,17 @@ def _choice(
 
 
 def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
-    """Return the smallest ratio, over the operating points, of the adhesion at `points` to that at the `own` points."""
+    """Return the smallest ratio of the adhesion at an operating point of `points` to that at the same one of `own`."""
     pairs = zip(operating_plants(points), operating_plants(own), strict=True)
     return min(mine.point.adhesion_force / other.point.adhesion_force for mine, other in pairs)
 
 
 def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope) -> tuple[float, float]:
-    """Return the time to build up the torque of the reference slip, and the stopping time, s.
+    """Return the time to build up the torque that holds the reference slip, and the stopping time, s.
 
-    Both times belong to the operating point at which their ratio is largest. At the start the wheel rolls, and the slip
-    error is the whole reference slip velocity. Every rail transmits the torque with which the build-up begins.
+    The two times are those of the operating point at which the first is longest relative to the second. At the start
+    the wheel rolls, so that the slip error is the whole reference slip velocity. The first torque is one that every
+    rail can transmit.
     """
     operating = [plant.point for plant in operating_plants(points)]
     start = SURE_SHARE * min(point.brake_torque for point in operating)
@@ -566,7 +574,7 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
 
 @dataclass(frozen=True)
 class _Result:
-    """Gain for one integral time, s, with the lowest stable speed, km/h, and the worst Ms from this speed up."""
+    """Gain chosen for an integral time, s; the loops are stable from `speed`, km/h, up, with `ms` as worst Ms."""
 
     integral_time: float
     speed: float
@@ -575,14 +583,17 @@ class _Result:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Sort key: robust from the lowest speed with the largest ki, or else the smallest Ms from the lowest speed."""
+        """Sort key: Ms <= 2 first, then the lower speed, then the larger ki, or the smaller Ms if Ms > 2."""
         robust = is_robust(self.ms)
         return not robust, self.speed, -self.kp / self.integral_time if robust else self.ms
 
 
 @dataclass(frozen=True)
 class _Search:
-    """Search of the gains of a PI with a lead and its filter, s, over the cases of an envelope."""
+    """Search for the gains of a PI with a lead, over the cases of an envelope.
+
+    `lead` and `lead_filter` are the time constants of the lead and of its filter, s.
+    """
 
     points: EnvelopePoints
     lead: float
@@ -590,7 +601,7 @@ class _Search:
 
     @cached_property
     def scale(self) -> float:
-        """Dead time plus lag, s."""
+        """Dead time plus lag of the brake, s, to which integral times are relative."""
         actuator = self.points.vehicle.actuator
         return (actuator.dead_time + actuator.lag) or 0.02
 
@@ -598,7 +609,7 @@ class _Search:
         return PIController(PIGains(kp=kp, ki=kp / integral_time), self.lead, self.lead_filter)
 
     def best(self) -> tuple[PIController, float | None]:
-        """Return the controller, and the lowest speed, km/h, from which up Ms <= 2, or None if Ms > 2.
+        """Return the best controller, and the speed, km/h, from which up its Ms is at most 2; None if Ms > 2.
 
         InfeasibleDesignError if no gains stabilise the loops at the highest speed.
         """
@@ -634,10 +645,10 @@ class _Search:
     def faster(
         self, start: _Result, times: list[float], points: EnvelopePoints, few: EnvelopePoints
     ) -> tuple[PIController, float | None]:
-        """Return controller and lowest speed as `best`, with a shorter integral time if the result is not worse.
+        """Return controller and speed as `best` does, with a shorter integral time if the result is not worse.
 
-        Integral times between that of `start` and the next shorter of `times` are bisected at the `few` cases; the
-        results are checked at all `points`.
+        The integral time is bisected between that of `start` and the next shorter of `times`, with the cases `few`. The
+        results are checked with all cases `points`.
         """
         end = max((time for time in times if time < start.integral_time), default=start.integral_time)
         results, ratio = [start], (end / start.integral_time) ** 0.5 if is_robust(start.ms) else 1.0
@@ -655,9 +666,10 @@ class _Search:
         return self.controller(best.kp, best.integral_time), best.speed if is_robust(best.ms) else None
 
     def at(self, integral_time: float, points: EnvelopePoints) -> tuple[_Result | None, EnvelopePoints]:
-        """Return the best gain for an integral time (stable, Ms <= 2 if possible) and the cases that limit it.
+        """Return the best gain for an integral time, and the cases that limit this gain.
 
-        The best gain is stable from the lowest speed. None if no gain stabilises the loops at the highest speed.
+        The best gain is stable, with Ms <= 2 if possible, from the lowest possible speed up. It is None if no gain
+        stabilises the loops at the highest speed.
         """
         low, high = self.intervals(integral_time, points)
         above = {speed: points.speed_kmh >= speed for speed in np.unique(points.speed_kmh).tolist()}
@@ -681,9 +693,9 @@ class _Search:
         return chosen, _binding(points, low, high, ms, operating)
 
     def intervals(self, integral_time: float, points: EnvelopePoints) -> tuple[Floats, Floats]:
-        """Return the ends of the interval of gains that stabilise each case, (n,); inf and 0 if none was found.
+        """Return the smallest and the largest stabilising gain of each case, (n,); inf and 0 if none was found.
 
-        Only gains in the intervals already found for cases of the highest speed are tried.
+        Only gains are tried that stabilise the cases of the highest speed whose intervals are already found.
         """
         low, high = np.full(len(points), np.inf), np.zeros(len(points))
         fastest = points.speed_kmh == points.speed_kmh.max()
@@ -705,7 +717,7 @@ class _Search:
         return low, high
 
     def start(self, integral_time: float) -> float:
-        """Return a gain that stabilises an operating point of the highest speed; 1 if none is found."""
+        """Return a gain that stabilises the loop at an operating point of the highest speed; 1 if none is found."""
         fast = np.flatnonzero(self.points.operating & (self.points.speed_kmh == self.points.speed_kmh.max()))
         for index in fast.tolist():
             case = self.points.case(index)
@@ -730,7 +742,11 @@ def _spread(low: float, high: float, count: int) -> list[float]:
 def _binding(
     points: EnvelopePoints, low: Floats, high: Floats, ms: Floats, operating: EnvelopePoints
 ) -> EnvelopePoints:
-    """Return for each speed the cases that bound the gains most, and the operating point of largest Ms at each gain."""
+    """Return the cases that limit the gains.
+
+    For each speed these are the `_BINDING` cases with the largest lower end and those with the smallest upper end of
+    the stabilising gains, and for each gain the operating point of largest Ms.
+    """
     chosen = np.zeros(len(points), dtype=bool)
     numbers = np.flatnonzero(points.operating)
     for speed in np.unique(points.speed_kmh):
@@ -743,7 +759,7 @@ def _binding(
 
 
 def _hardest(points: EnvelopePoints) -> EnvelopePoints:
-    """Return the operating points, and the cases of longest dead time with the shortest and the longest lag."""
+    """Return the operating points, and the cases with the longest dead time and the shortest or the longest lag."""
     dead_times = np.array([actuator.dead_time for actuator in points.actuators])[points.actuator]
     lags = np.array([actuator.lag for actuator in points.actuators])[points.actuator]
     ends = (lags == lags.min()) | (lags == lags.max())

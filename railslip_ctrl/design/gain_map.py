@@ -1,7 +1,7 @@
-"""Map of the gains with Ms below a level at every operating point, and of Ms over any two parameters of a controller.
+"""Maps for the design by hand: PI gains with Ms below a level, and Ms over two parameters of any controller.
 
-The map consists of rows of equal ki, each with intervals of kp. The ends of the intervals are exact: they follow from
-the gains that each frequency excludes (`tuning_search`). The exact root count decides whether an interval is stable.
+The map of the gains consists of rows of equal ki, each with intervals of kp. The ends of the intervals follow from the
+gains that each frequency excludes (`tuning_search`). The exact root count decides whether an interval is stable.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from .specification import Specification, family_margins
 from .tuning_search import Family
 
 LEVELS = (4.0, 3.0, 2.5, 2.0, 1.8, 1.6, 1.4)
-"""Ms of the contours, descending; the first bounds the map."""
+"""Ms of the contours of the map, descending; the map ends at the contour of the first."""
 
 _SHARES = 1 - (1 - np.linspace(1e-4, 1.0, 12)) ** 1.7  # ki of the rows over the largest ki of a contour, denser near 1
 _HALVINGS = 8  # bisections for the end of a contour
@@ -51,9 +51,9 @@ Row = tuple[float, list[Interval]]
 
 @dataclass(frozen=True)
 class GainLevel:
-    """Gains with an Ms of at most `ms`, or all stabilising gains if `ms` is None.
+    """Gains with Ms of at most `ms` at all plants, or all stabilising gains if `ms` is None.
 
-    Each of the `rows` has a ki, N*m/m, and the intervals of kp, N*m/(m/s), at this ki; ki ascends.
+    Each of the `rows` is a ki, N*m/m, with the intervals of kp, N*m/(m/s), at this ki; ki ascends from row to row.
     """
 
     ms: float | None
@@ -61,12 +61,13 @@ class GainLevel:
 
 
 def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) -> tuple[GainLevel, ...]:
-    """Return the gains of a PI that stabilise all plants, then those that meet each of `LEVELS` at all plants.
+    """Return the gains of a PI that stabilise all plants, then for each of `LEVELS` those with Ms up to this level.
 
-    - control: PI, whose lead is kept.
-    - plants, actuator: other parts of the loops; every loop must meet a level.
+    - control: PI; its lead is used with all gains.
+    - plants, actuator: other parts of the loops; Ms must be up to the level at every plant.
 
-    Levels that no gains meet are left out. The result is empty if no gains stabilise.
+    A level with which no gains are found is left out, together with all smaller ones. The result is empty if no gains
+    stabilise all plants.
     """
     shape = PIController(PIGains(kp=1.0, ki=0.0), control.lead, control.lead_filter).transfer_function
     systems = [shape * actuated_plant(plant, actuator) for plant in plants]
@@ -75,7 +76,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
     order = list(range(len(systems)))
 
     def holds_all(kp: float, ki: float) -> bool:
-        """Return True if all plants are stable, by exact root counts; an unstable plant is checked first next time."""
+        """Return True if all loops are stable, by exact root counts; the next call begins with the unstable plant."""
         controller = pi_transfer_function(kp, ki)
         for position, i in enumerate(order):
             if not DeadTimeLoop(controller * systems[i], actuator.dead_time).is_stable():
@@ -93,7 +94,10 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
         return intervals
 
     def row(ki: float, ms: float | None) -> list[Interval]:
-        """Return the intervals of kp at one ki; none crosses an end of a stable interval, where Ms is infinite."""
+        """Return the intervals of kp with Ms <= `ms` at one ki; stability is decided at the middle of an interval.
+
+        An interval cannot extend beyond a stable interval, because Ms is infinite at its ends.
+        """
         if ms is None or not stable(ki):
             return stable(ki)
         gaps = family.forbidden.gaps(ki, Specification(ms), ki)
@@ -116,7 +120,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
 
 
 def _top(met: Callable[[float], bool], begin: float) -> float:
-    """Return a ki slightly above the largest ki that meets a condition; the search starts at `begin`."""
+    """Return a ki slightly above the largest ki for which `met` is true; the search starts at `begin`."""
     ki, ratio = begin, 2.0
     while ratio > _NEAR_TOP:
         higher = met(ki)
@@ -127,7 +131,7 @@ def _top(met: Callable[[float], bool], begin: float) -> float:
 
 
 def _tip(met: Callable[[float], bool], high: float) -> float:
-    """Return the largest ki up to `high` that meets a condition, by bisection."""
+    """Return the largest ki up to `high` for which `met` is true, by bisection."""
     if met(high):
         return high
     low = 0.0
@@ -147,10 +151,11 @@ def ms_cells(
     """Return the values of two parameters of a controller, and the worst Ms over all plants at each pair of values.
 
     - control_at: function of the two parameters that returns the controller.
-    - around, count: central value and number of values of each parameter.
+    - around: middle value of each of the two parameters.
+    - count: number of values of each of the two parameters.
     - plants, actuator: other parts of the loops.
 
-    Ms is inf if a loop is unstable, and NaN if `control_at` has no controller for the values.
+    Ms is inf if a loop is unstable, and NaN if `control_at` raises an error for the two values.
     """
     x, y = (_around(*pair) for pair in zip(around, count, strict=True))
     ms, loops, cells = np.full(count, np.nan), list[DeadTimeLoop](), list[tuple[int, int]]()
@@ -172,13 +177,13 @@ def ms_cells(
 
 
 def _around(value: float, count: int) -> list[float]:
-    """Return `count` values around `value` in equal ratios; from -1 to 1 if `value` is 0."""
+    """Return `count` values from 1/4 to 4 times `value`, in equal ratios; from -1 to 1 if `value` is 0."""
     share = np.linspace(-1.0, 1.0, count)
     return [float(x) for x in (value * _SPAN**share if value else share)]
 
 
 def hard_plants(plants: Sequence[LinearPlant]) -> list[LinearPlant]:
-    """Return the fastest plants and the slowest, which usually bound the gains from below and from above."""
+    """Return the plants with the largest poles and the plant with the smallest, which usually bound the gains."""
     order = sorted(plants, key=_pole)
     return order if len(order) <= _HARDEST else [order[0], *order[1 - _HARDEST :]]
 
@@ -189,15 +194,15 @@ def _pole(plant: LinearPlant) -> float:
 
 @dataclass(frozen=True)
 class Screen:
-    """Quick search for the plant that a controller controls worst, by |S| at frequencies; create it with `Screen.of`.
+    """Quick search for the one of n plants at which a controller has the largest Ms; create it with `Screen.of`.
 
-    It only selects the plant; the exact margins are then computed for this plant.
+    Ms is estimated from |S| at m frequencies. The caller then computes the exact margins at the plant that was found.
 
     - omega: frequencies, rad/s, (m,).
     - responses: frequency responses of brake and wheel, (n, m).
-    - right: number of poles of brake and wheel right of the axis, (n,); a pole on the axis counts as half.
+    - right: number of poles of brake and wheel with positive real part, (n,); a pole at 0 counts as half.
     - speeds: train speeds, km/h, (n,).
-    - poles: fastest pole of each plant, 1/s, (n,).
+    - poles: largest real part of the poles of each plant, 1/s, (n,).
     """
 
     omega: Floats
@@ -208,7 +213,7 @@ class Screen:
 
     @classmethod
     def of(cls, points: EnvelopePoints) -> Screen:
-        """Make the screen for the plants of `points`, with the vehicle's own actuator."""
+        """Make the search for the plants of `points`, with the vehicle's actuator without tolerances."""
         brake = points.vehicle.actuator
         loops = [DeadTimeLoop(actuated_plant(plant, brake), brake.dead_time) for plant in points.plants]
         low, high = zip(*(loop.feature_band() for loop in loops), strict=True)
@@ -222,7 +227,7 @@ class Screen:
         )
 
     def hardest(self, system: Any, from_kmh: float = 0.0) -> int:
-        """Return the index of the plant that is hardest to control at or above a speed.
+        """Return the index of the plant with the largest Ms, or of the fastest unstable one, at or above a speed.
 
         - system: continuous linear controller.
         - from_kmh: lowest speed, km/h.
@@ -240,12 +245,12 @@ class Screen:
 
 
 def fastest(points: EnvelopePoints, from_kmh: float = 0.0) -> int:
-    """Return the index of the plant with the fastest pole at or above a speed, km/h."""
+    """Return the index of the plant whose pole has the largest real part, at or above a speed, km/h."""
     plants = points.plants
     return _largest(np.array([_pole(one) for one in plants]), [one.point.speed_kmh for one in plants], from_kmh)
 
 
 def _largest(score: Floats, speeds: Sequence[float] | Floats, from_kmh: float) -> int:
-    """Return the index of the largest score at or above a speed, km/h; at any speed if all are below it."""
+    """Return the index of the largest score at or above a speed, km/h; over all scores if no speed is that high."""
     above = np.asarray(speeds) > from_kmh * (1 - 1e-9)
     return int(np.argmax(np.where(above if above.any() else ~above, score, -np.inf)))

@@ -1,4 +1,4 @@
-"""Verdict on a controller over a whole envelope, every loop with its exact dead time."""
+"""Verdict on a controller over a whole envelope; the dead time of every loop is exact."""
 
 from __future__ import annotations
 
@@ -40,10 +40,11 @@ _ENGINES_AGREE = 1e-6  # relative difference of Ms computed for many loops at on
 
 @dataclass(frozen=True)
 class WorstCase:
-    """Worst case of a controller, with the loop of this case and the margins of the loop (None if it is unstable).
+    """Case with the largest Ms, the loop of this case, and its margins (None if the loop is unstable).
 
-    `run_case`, `as_run` and `sampled` are the case, the loop and the margins of the worst sampled loop of a continuous
-    controller that states its sampling. For any other controller `as_run` and `sampled` are None.
+    A continuous controller with a sampling period has a second, sampled loop in every case. `run_case`, `as_run` and
+    `sampled` are the case with the largest Ms of the sampled loop, this loop and its margins. Without a sampled loop
+    `as_run` and `sampled` are None.
     """
 
     case: Case
@@ -72,12 +73,12 @@ class WorstCase:
 
     @property
     def loop_description(self) -> str:
-        """Ms of the loop with its case as text."""
+        """Ms of the loop, and the case, as text."""
         return f"{_kept(self.margins)} at {self.case.description}"
 
     @property
     def description(self) -> str:
-        """Ms, also of the sampled loop, with the case as text."""
+        """Ms of the loop and of the sampled loop, and the cases, as text."""
         if self.as_run is None or self.margins is self.sampled is None:
             return self.loop_description
         run = f"{_kept(self.sampled)} if sampled every {self.as_run.period:g} s"
@@ -86,7 +87,7 @@ class WorstCase:
         return f"{self.loop_description} ({run} at {self.run_case.description})"
 
     def table(self) -> dict[str, Any]:
-        """Ms, phase (deg) and delay margin (s) with the case for JSON; null if unstable or unbounded."""
+        """Case with its Ms, phase margin (deg) and delay margin (s) for JSON; None if unstable or infinite."""
         m = self.margins
         values = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
         names = ("ms", "phase_margin_deg", "delay_margin_s")
@@ -108,8 +109,12 @@ class MsMap:
 
     Each Ms is the larger of those of the continuous and the sampled loop.
 
-    `speeds_kmh` (m,), ascending; `loads` (n,); `operating` and `with_tolerances` (m, n), inf where a loop is unstable
-    and NaN at a speed and load without a case.
+    - speeds_kmh: train speeds, km/h, (m,), ascending.
+    - loads: names of the loads, (n,).
+    - operating: worst Ms over the operating points with this speed and load, (m, n).
+    - with_tolerances: worst Ms over all cases with this speed and load, (m, n).
+
+    Ms is inf where a loop is unstable, and NaN at a speed and load without a case.
     """
 
     speeds_kmh: Floats
@@ -118,21 +123,21 @@ class MsMap:
     with_tolerances: Floats
 
     def plot(self) -> Any:
-        """The map as a matplotlib figure, its numbers in cells."""
+        """The map as a matplotlib figure: a table of coloured cells with the value of Ms in each."""
         plots = import_module("railslip_ctrl.report.plots")  # a package that imports this one
         return plots.ms_map_figure({"": self}, title="Worst Ms over speed and load")
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """A controller over an envelope; see `judge`.
+    """Margins of a controller in all n cases of an envelope, and the verdict that follows; made by `judge`.
 
     - controller: linear system that was judged.
     - envelope: envelope with the reference slips at which the controller was judged.
     - nominal: whether only the operating points were judged.
     - points: cases of the envelope.
-    - margins: margins of each case, NaN for an unstable loop. With tolerances the gain margins are NaN, and for a
-      discrete controller all margins except Ms. For a seeking controller only Ms is computed.
+    - margins: margins of each case, NaN for an unstable loop. In cases with tolerances the gain margins are NaN; for a
+      discrete controller all margins except Ms are NaN there. For a seeking controller only Ms is computed.
     """
 
     controller: Any
@@ -149,16 +154,16 @@ class Judgement:
 
     @cached_property
     def ms(self) -> Floats:
-        """Ms of each case, inf if the loop is unstable, (n,); Ms of the sampled loop if `as_it_runs`."""
+        """Ms of each case, (n,), inf if the loop is unstable; Ms of the sampled loop if `as_it_runs` is true."""
         return np.where(self.stable, self.margins.ms, np.inf)
 
     @cached_property
     def sampled_ms(self) -> Floats:
-        """Ms of the sampled loop, inf if it is unstable, (n,), for a continuous controller that states its sampling.
+        """Ms of the sampled loop of each case, (n,), inf if the loop is unstable; NaN where it is not computed.
 
-        If the kind of controller builds its own loop, Ms is known for all cases. Otherwise it is known at every
-        operating point, and at each speed for the cases of largest Ms and of least delay margin, which sampling affects
-        most. It is NaN elsewhere.
+        If `as_it_runs` is true, Ms is computed in all cases. For another continuous controller with a sampling period
+        it is computed at every operating point, and at each speed in the cases with the largest Ms and the smallest
+        delay margin, which sampling affects most. For any other controller all values are NaN.
         """
         ms = np.full(len(self.points), np.nan)
         if self.as_it_runs:
@@ -183,35 +188,35 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """Verdict: "robust", "fragile" or "unstable", also for the sampled loop if the controller states its sampling.
+        """Verdict: "robust", "fragile" or "unstable"; sampled loops, if there are any, are included.
 
         A robust controller has Ms <= 2 at every operating point and is stable with every tolerance. A fragile
-        controller is stable at every operating point.
+        controller is stable at every operating point, but not robust.
         """
         return self._verdict(np.ones(len(self.points), dtype=bool))
 
     @cached_property
     def usable_from_kmh(self) -> float | None:
-        """Lowest speed above which every loop is stable and slip is controlled; None if no speed qualifies."""
+        """Lowest speed from which up every loop is stable and slip is controlled; None if there is none."""
         return self._lowest(self._stable)
 
     @cached_property
     def robust_from_kmh(self) -> float | None:
-        """Lowest speed above which the verdict is "robust" and slip is controlled; None if no speed qualifies."""
+        """Lowest speed from which up the verdict is "robust" and slip is controlled; None if there is none."""
         return self._lowest(lambda cases: self._verdict(cases) == "robust")
 
     @cached_property
     def worst(self) -> WorstCase:
-        """Operating point of largest Ms from `usable_from_kmh` up; over all speeds if no speed is usable."""
+        """Operating point of largest Ms at speeds from `usable_from_kmh` up; at all speeds if that is None."""
         return self._worst(self._usable & self.points.operating)
 
     @cached_property
     def worst_with_tolerances(self) -> WorstCase:
-        """Case of largest Ms from `usable_from_kmh` up, tolerances included."""
+        """Case of largest Ms, tolerances included, at speeds from `usable_from_kmh` up; at all speeds if None."""
         return self._worst(self._usable)
 
     def least(self, margin: str, *, largest: bool = False) -> tuple[float, Case]:
-        """Least value of a margin at the operating points from `usable_from_kmh` up, and its case.
+        """Smallest value of a margin over the operating points at speeds from `usable_from_kmh` up, and its case.
 
         - margin: name of a margin of `Margins`.
         - largest: whether to return the largest value instead.
@@ -227,7 +232,7 @@ class Judgement:
 
     @cached_property
     def _rough(self) -> dict[str, Floats]:
-        """Approximate margins, (n,), from a grid of frequencies, to select the points to compute exactly."""
+        """Approximate margins, (n,), from a grid of frequencies; they select the cases to be computed exactly."""
         margins_by_name = {name: np.full(len(self.points), np.nan) for name in _ROUGH}
         for i in np.flatnonzero(self.points.operating).tolist():
             plant, actuator = _of(self.points, i)
@@ -238,7 +243,7 @@ class Judgement:
 
     @cached_property
     def map(self) -> MsMap:
-        """Worst Ms over speed and load."""
+        """Map of the worst Ms over speed and load."""
         speed, load = self.points.speed_kmh, self.points.load
         speeds, loads = np.unique(speed), tuple(dict.fromkeys(load.tolist()))
 
@@ -251,7 +256,7 @@ class Judgement:
         return MsMap(speeds, loads, worst(self.points.operating), worst(np.ones(len(self.points), dtype=bool)))
 
     def by_axis(self) -> dict[str, dict[Any, tuple[float, float]]]:
-        """Share of stable loops, and worst Ms of the stable loops, for each value on each axis of the envelope."""
+        """Share of stable loops and worst Ms of the stable loops, by envelope quantity ("rail", ...) and its value."""
         plants, actuators = self.points.plants, self.points.actuators
         of_plants = {
             "law": [plant.point.adhesion for plant in plants],
@@ -272,7 +277,7 @@ class Judgement:
 
     @property
     def verdict_line(self) -> str:
-        """Verdict with the case that decides it, and the speed from which the controller may be used."""
+        """Verdict, the case that decides it, and the speed from which up all loops are stable, as text."""
         everywhere = np.ones(len(self.points), dtype=bool)
         line = self._decided(everywhere)
         if self.verdict != "unstable" and not self.nominal and self._stable(everywhere):
@@ -286,12 +291,12 @@ class Judgement:
 
     @property
     def hand_over_kmh(self) -> float:
-        """Speed, km/h, below which the controller states that it does not control slip; 0 if there is none."""
+        """Hand-over speed of the controller, km/h: below it the controller does not control slip; 0 if it has none."""
         return self.controller.controlled_from / KMH if isinstance(self.controller, Controller) else 0.0
 
     @property
     def verdict_in_use(self) -> str | None:
-        """Verdict from `hand_over_kmh` up; None if all speeds of the envelope are below."""
+        """Verdict over the speeds from `hand_over_kmh` up; None if all speeds of the envelope are below it."""
         return self._verdict(self._in_use) if self._in_use.any() else None
 
     def __str__(self) -> str:
@@ -340,7 +345,7 @@ class Judgement:
 
     @property
     def _handed_over(self) -> str:
-        """Part of the verdict for a controller that hands over at speeds of the envelope."""
+        """Text on the hand-over speed and the verdict above it; empty if no speed of the envelope is below it."""
         if self._in_use.all():
             return ""
         hand_over = f"; hands over below {self.hand_over_kmh:.4g} km/h"
@@ -351,7 +356,7 @@ class Judgement:
         )
 
     def _decided(self, cases: Flags) -> str:
-        """Verdict over `cases` with the case that decides: an operating point, or an unstable case with tolerances."""
+        """Verdict over `cases`, with the operating point or the case with tolerances that decides it, as text."""
         verdict = self._verdict(cases)
         tolerances = verdict == "fragile" and not self._stable(cases)
         worst = self._worst(cases if tolerances else cases & self.points.operating)
@@ -380,7 +385,7 @@ class Judgement:
         return lowest
 
     def _worst(self, chosen: Flags) -> WorstCase:
-        """Cases of largest Ms and of largest sampled Ms among `chosen`, with margins computed for each alone."""
+        """Case of largest Ms and case of largest sampled Ms among `chosen`, with the margins of their loops."""
         index = self._largest(self.ms, chosen)
         known = np.isfinite(self.ms[index]) and not np.isnan(self.sampled_ms[chosen]).all()
         run_index = self._largest(self.sampled_ms, chosen) if known else index
@@ -394,11 +399,11 @@ class Judgement:
 
     @cached_property
     def as_it_runs(self) -> bool:
-        """True if `ms` is that of the sampled loops: the kind of controller builds its own loop."""
+        """True if the class of the controller builds its own loops, which are sampled loops; `ms` is then theirs."""
         return isinstance(self.controller, Controller) and type(self.controller).loop is not Controller.loop
 
     def _loop(self, index: int, made: Callable[..., Any]) -> tuple[Any, Margins | None]:
-        """Loop of a case, cached, and its margins; None if the loop is unstable or does not exist."""
+        """Loop of a case, built by `made` and cached, and its margins, None if it is unstable or does not exist."""
         key = made, int(self.points.plant[index]), int(self.points.actuator[index])
         if key not in self._loops:
             plant, actuator = _of(self.points, index)
@@ -407,7 +412,7 @@ class Judgement:
         return self._loops[key]
 
     def _largest(self, ms: Floats, chosen: Flags) -> int:
-        """Index of the chosen case of largest Ms; of unstable loops that of largest pole times (dead time + lag)."""
+        """Index of the chosen case of largest Ms; if several are unstable, of largest pole times (dead time + lag)."""
         unstable = np.flatnonzero(chosen & np.isinf(ms))
         if not unstable.size:
             return int(np.argmax(np.where(chosen, np.nan_to_num(ms), -1.0)))
@@ -419,14 +424,17 @@ class Judgement:
 
 @checked
 def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgement:
-    """Judge a linear controller over an envelope, the dead times exact.
+    """Judge a linear controller over an envelope, with exact dead times.
+
+    The operating points are at the reference slips of the envelope if it has any, else at those of the controller. A
+    controller that finds its slip by itself, such as the seeking controller, is judged at the slip that it finds with
+    each law.
 
     - envelope: operating points and tolerances.
-    - controller: linear system from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop` takes
-      it. A continuous system that does not state its sampling is sampled every 10 ms by Tustin's rule. The reference
-      slips are those of the envelope if it has any, else those of the controller. A controller that finds the slip by
-      itself, such as the seeking controller, is judged at the slip that it finds with each law.
-    - nominal: whether to judge the operating points alone, without tolerances.
+    - controller: linear system from slip error e = lambda_d v - sigma (m/s) to torque (N*m): any argument of
+      `wheel_slip_loop`. A continuous system without a sampling period is judged as continuous and as sampled every
+      10 ms by Tustin's rule.
+    - nominal: if true, only the operating points are judged, without tolerances.
 
     Returns the verdict, the lowest speed (km/h) at which the controller may be used, the worst cases, and the margins
     of every case; `print` shows the verdict. InputError: a controller without margins, or an envelope without points.
@@ -447,10 +455,10 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
 
 
 def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
-    """Envelope with the reference slips of the controller, unless the envelope has reference slips of its own.
+    """Envelope with the controller's reference slips; slips that the envelope already has are kept.
 
-    If the controller finds the slip by itself, no reference is used, and the speeds at which the controller's loop
-    changes are added to the envelope.
+    If the controller finds its slip by itself, no reference slip is added. Instead the speeds at which its loop changes
+    (`speeds_to_judge`) are added to those of the envelope.
     """
     reference = getattr(controller, "reference", None)
     if finds_slip(controller):
@@ -463,7 +471,7 @@ def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
 
 
 def bounds_over(points: EnvelopePoints, over: MsMap) -> Floats:
-    """Smallest Ms that any linear controller can have at each speed and load of a map, (m, n); see `limits`."""
+    """Lower bound of Ms for all linear controllers at each speed and load of the map `over`, (m, n); see `limits`."""
     bounds = np.ones((over.speeds_kmh.size, len(over.loads)))
     for plant, load in zip(points.plants, points.loads, strict=True):
         poles, zeros = (roots[roots.real > 0] for roots in (plant.poles, plant.zeros))
@@ -473,23 +481,23 @@ def bounds_over(points: EnvelopePoints, over: MsMap) -> Floats:
 
 
 def finds_slip(controller: Any) -> bool:
-    """Whether a controller finds by itself the slip that it holds."""
+    """Whether a controller searches for its slip by itself instead of tracking a reference slip."""
     return isinstance(controller, Controller) and controller.finds_slip
 
 
 def judge_points(envelope: Envelope, controller: Any, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
-    """Judge a controller as `judge`, at the `points` of an envelope, which the caller has computed."""
+    """Judge a controller as `judge` does, with the cases `points` of the envelope, which the caller has computed."""
     return Judgement(controller, envelope, nominal, points, margins_at(controller, points))
 
 
 def margins_at(
     controller: Any, points: EnvelopePoints, factors: Floats | None = None, *, gain_margins: bool = False
 ) -> BatchMargins:
-    """Margins of a controller at every case; the loop of a plant is made once for all actuators.
+    """Margins of a controller in every case.
 
     - factors: factors on the loop gain; the margins are then ordered by factor, then by case.
-    - gain_margins: true computes gain margins and no Ms, at every case. By default Ms is computed at every case and
-      gain margins at the operating points.
+    - gain_margins: if true, gain margins are computed in every case, and Ms is not computed. By default Ms is computed
+      in every case, and gain margins at the operating points only.
     """
     if isinstance(controller, Controller):
         own = controller.stable_and_ms(
@@ -544,7 +552,7 @@ def margins_at(
 
 
 def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
-    """Approximate margins of a stable loop, in the order of `_ROUGH`, from a grid of frequencies."""
+    """Approximate phase margin, delay margin and gain margins of a stable loop, from a grid of frequencies."""
     low, high = loop.feature_band()
     omega = np.geomspace(low, high, _ROUGH_GRID)
     response = loop.response(omega)
@@ -562,7 +570,7 @@ def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
 
 
 def _at_zero(values: Floats, others: Floats, at: Any) -> Floats:
-    """Values of `others` at the zeros of `values`, by interpolation between each sample `at` and the next."""
+    """Interpolate `others` linearly to the zeros of `values`, which are between samples `at` and `at + 1`."""
     share = values[at] / (values[at] - values[at + 1])
     return np.asarray(others[at] + share * (others[at + 1] - others[at]))
 
@@ -573,7 +581,7 @@ def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
 
 
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
-    """Stability and Ms of sampled loops, one loop after the other; at the operating points all margins."""
+    """Margins of a discrete controller, computed one case after the other: all at operating points, else only Ms."""
     columns = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
     for index in range(len(points)):
         plant, actuator = _of(points, index)

@@ -3,13 +3,16 @@
 The limits are of two kinds. *Theorems* hold for every stabilising linear controller, or for every controller of a given
 structure. *Rules of thumb* give the range of a suitable crossover.
 
-The peaks: S is 0 at the unstable poles p_i, and T contains the dead time and the zeros right of the axis. Therefore
-S = B_p S~ and T = exp(-tau s) B_z T~ with all-pass B_p, B_z and stable S~, T~. S + T = 1 then determines T~ at the p_i,
-and the smallest peak is the Nevanlinna-Pick bound: gamma^2 is the largest eigenvalue of A^-1 W A W^* with
-A_ij = 1/(p_i + conj p_j), W = diag(exp(tau p_i)/B_z(p_i)). For one real pole this is exp(p tau) times |(z + p)/(z - p)|
-for each zero ([Astrom2021] 14.4). The same number bounds Ms: by commutant lifting ([Sarason1967]) each of the two
-smallest norms is 1/sin of the angle between the subspaces of H2 orthogonal to B_p H2 and to exp(-tau s) B_z H2, which
-is the same angle for both. So Ms >= exp(p tau) too, which is sharper than Ms >= Mt - 1.
+The lower bound of Mt and Ms follows from the unstable poles p_i, the unstable zeros z_i and the dead time tau. The
+sensitivity S is 0 at the poles. The complementary sensitivity T contains the dead time and is 0 at the zeros. Therefore
+S = B_p S~ and T = exp(-tau s) B_z T~ with all-pass functions B_p and B_z and stable S~ and T~. S + T = 1 then gives T~
+at the p_i. The smallest possible peak of |T| is the Nevanlinna-Pick bound gamma: gamma^2 is the largest eigenvalue of
+A^-1 W A W^*, where A_ij = 1/(p_i + conj p_j) and W = diag(exp(tau p_i)/B_z(p_i)). For one real pole p, gamma is
+exp(p tau) times the factor |(z + p)/(z - p)| of each zero z ([Astrom2021] 14.4).
+
+The bound of Ms is the same number gamma, which is sharper than Ms >= Mt - 1. By commutant lifting ([Sarason1967]) the
+smallest peak of |S| and that of |T| are both 1/sin of an angle: the angle between the subspaces of H2 that are
+orthogonal to B_p H2 and to exp(-tau s) B_z H2.
 """
 
 from __future__ import annotations
@@ -36,13 +39,15 @@ _ALLOWED_LAG_DEG = 90.0
 
 @dataclass(frozen=True)
 class StructureLimit:
-    """Limits of a PI or PI-lead. Theorem for one unstable real pole and no zero right of the axis.
+    """Limits of a PI or PI-lead: a theorem for plants with one unstable real pole and no unstable zero.
 
-    A PI only adds lag, so that its phase margin is at most the plant's largest phase above -180 deg, and
-    Ms >= |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover. A "PI-lead" cancels the lag, without a filter.
+    A PI only adds phase lag. Its phase margin is therefore at most the plant's largest phase above -180 deg, and
+    Ms >= |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover. The "PI-lead" of this theorem cancels the whole lag
+    of the actuator, without a filter.
 
+    - structure: "PI" or "PI-lead".
     - phase_deg: upper bound of the phase margin, deg, <= 0 if no controller of the structure stabilises.
-    - frequency: crossover with this phase margin, rad/s; NaN if the phase only falls.
+    - frequency: crossover with this phase margin, rad/s; NaN if the phase falls with frequency everywhere.
     - ms_bound: lower bound of Ms, inf if no controller of the structure stabilises.
     """
 
@@ -53,7 +58,7 @@ class StructureLimit:
 
     @property
     def feasible(self) -> bool:
-        """False if no controller of the structure stabilises; True is necessary, not sufficient."""
+        """False if no controller of the structure stabilises; if True, one may or may not exist."""
         return self.phase_deg > 0
 
 
@@ -64,18 +69,20 @@ class Limits:
     - unstable_poles, unstable_zeros: plant poles and zeros with positive real part, 1/s.
     - unstable_pole: largest real part p among the poles, 1/s; 0 if the plant is stable.
     - doubling_time: ln 2/p, s; inf if the plant is stable.
-    - actuator_product: p (tau + T). Theorem: a PI stabilises k/(s - p) with lag and dead time only if it is < 1,
-      because atan(omega/p) must exceed atan(T omega) + tau omega somewhere; `StructureLimit` holds for other plants
-      too.
+    - actuator_product: p (tau + T). Theorem: a PI stabilises the plant k/(s - p) with lag and dead time only if this
+      product is < 1, because atan(omega/p) must exceed atan(T omega) + tau omega at some omega. For other plants see
+      `StructureLimit`.
     - mt_bound, ms_bound: lower bounds of Mt and Ms for any controller, >= 1; theorem, see the module.
-    - bode_integral: integral of ln|S| over omega from 0 to infinity, rad/s: pi times the sum of Re p_i. Theorem for L
-      that falls faster than 1/s, or as 1/s with dead time ([Astrom2021] 14.2).
-    - crossover_range: tuple of float or None; gain crossovers, rad/s, at which the lag of the all-pass part,
-      2 sum atan(p/omega) + tau omega + 2 sum atan(omega/z), is at most `allowed_lag_deg`; None if there are none. Rule
-      of thumb: the gain crossover frequency inequality ([Astrom2021] 14.3); 90 deg mean a phase margin of 45 deg at
-      slope -1/2. For one pole or dead time alone: omega > p, omega < pi/(2 tau).
-    - allowed_lag_deg: largest lag by that rule, deg.
-    - pi, pi_lead: None if the theorem does not apply: not exactly one unstable real pole, or zeros right of the axis.
+    - bode_integral: integral of ln|S| over omega from 0 to infinity, rad/s: pi times the sum of the real parts of the
+      unstable poles. Theorem for a loop L that falls faster than 1/s, or as 1/s with dead time ([Astrom2021] 14.2).
+    - crossover_range: lowest and highest gain crossover, rad/s, with which the phase lag of the all-pass part of the
+      plant, 2 sum atan(p_i/omega) + tau omega + 2 sum atan(omega/z_i), is at most `allowed_lag_deg`; None if there is
+      none. Rule of thumb: the gain crossover frequency inequality ([Astrom2021] 14.3). A lag of 90 deg leaves a phase
+      margin of 45 deg if |L| falls as omega^(-1/2) at the crossover. With one unstable pole alone, or with dead time
+      alone, the rule is omega > p, or omega < pi/(2 tau).
+    - allowed_lag_deg: largest phase lag in this rule, deg.
+    - pi, pi_lead: limits of the two structures; None if their theorem does not apply (not exactly one unstable real
+      pole, or unstable zeros).
     """
 
     unstable_poles: tuple[complex, ...]
@@ -96,8 +103,9 @@ class Limits:
     def longest_dead_time(self, ms: float) -> float:
         """Return the dead time, s, above which no linear controller has a peak |S| of at most `ms`, a ratio > 1.
 
-        It is ln(ms)/p for one real pole and no zero right of the axis: for Ms 2 the doubling time. 0 if zeros right of
-        the axis exclude `ms` even without dead time, inf for a stable plant. InputError unless `ms` > 1.
+        With one unstable real pole p and no unstable zero it is ln(ms)/p, which is the doubling time for `ms` = 2. It
+        is inf for a stable plant, and 0 if unstable zeros make the peak larger than `ms` even without dead time.
+        InputError unless `ms` > 1.
         """
         number("ms", ms, gt=1)
         poles, zeros = np.array(self.unstable_poles), np.array(self.unstable_zeros)
@@ -120,10 +128,11 @@ def fundamental_limits(
 ) -> Limits:
     """Return the limits of a plant with dead time, for unity negative feedback.
 
-    - plant: python-control system, `Rational`, or a real number; from command to output without the dead time, actuator
-      lag included; either sign of gain.
-    - dead_time, lag: s, >= 0. A lag > 0 must be a pole -1/lag of `plant`, which a lead may cancel.
-    - allowed_lag_deg: deg, in (0, 180), for the rule on the crossover.
+    - plant: python-control system, `Rational`, or a real number; transfer function from command to output with the
+      actuator's lag and without its dead time. Its gain may have either sign.
+    - dead_time: dead time of the actuator, s, >= 0.
+    - lag: lag of the actuator, s, >= 0, which a PI-lead can cancel. If it is > 0, -1/lag must be a pole of `plant`.
+    - allowed_lag_deg: largest phase lag in the rule on the crossover, deg, in (0, 180).
 
     Returns bounds for any controller, for a PI and for a PI-lead, SI and deg. InputError: another kind of system, a
     number out of its range, or a lag that is not in the plant.
@@ -156,10 +165,13 @@ def fundamental_limits(
 
 
 def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:
-    """Return the smallest sup|S| and sup|T| over all stabilising controllers, >= 1: the bound of the module.
+    """Return the lower bound, >= 1, of Ms and Mt over all stabilising controllers; see the module for the theorem.
 
-    `poles` and `zeros` are those right of the imaginary axis, 1/s, conjugates included. Poles that almost coincide
-    are counted once, which lowers the bound. inf if a pole equals a zero, because no controller stabilises that plant.
+    - poles, zeros: poles and zeros with positive real part, 1/s, conjugates included.
+    - dead_time: dead time, s.
+
+    Poles that almost coincide count as one pole, which can only lower the bound. The bound is inf if a pole equals a
+    zero, because no controller stabilises such a plant.
     """
     poles = _distinct(np.asarray(poles, dtype=complex))
     if poles.size == 0:
@@ -203,7 +215,10 @@ def _without_lag(plant: Rational, lag: float) -> Rational:
 def _crossover_range(
     poles: Complexes, zeros: Complexes, dead_time: float, allowed: float
 ) -> tuple[float, float] | None:
-    """Return the widest interval around the frequency of smallest lag of the all-pass part."""
+    """Return the interval of frequencies, rad/s, on which the lag of the all-pass part is at most `allowed`, rad.
+
+    It contains the frequency of the smallest lag. None if the lag is larger everywhere.
+    """
 
     def lag_of(omega: Floats) -> Floats:
         w = omega[..., None]
@@ -230,7 +245,7 @@ def _crossover_range(
 
 
 def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float) -> StructureLimit | None:
-    """Return the largest phase above -180 deg of plant and dead time, as a limit of a PI; None if it does not apply.
+    """Return the limits of a PI, from the largest phase of plant and dead time; None if the theorem does not apply.
 
     `peak` is the lower bound of Ms for any controller.
     """
@@ -266,13 +281,15 @@ _VERY_FAST = 1e9  # 1/s, value of s at which C has its limit at infinity
 class Effort:
     """Control effort of a stable loop.
 
-    - high_frequency_gain: |C(j infinity)|, N*m/(m/s).
-    - noise_gain: standard deviation of the commanded torque relative to that of white measurement noise up to the
-      Nyquist frequency w: sqrt(1/w * integral over 0..w of |C S|^2), N*m/(m/s).
-    - reference_rate: largest |rate| of the acting torque (after dead time and lag), N*m/s, for a step of 1 km/h of
-      reference or measurement; inf without lag if C jumps.
+    - high_frequency_gain: gain of the controller at infinite frequency, |C(j infinity)|, N*m/(m/s).
+    - noise_gain: ratio of the standard deviation of the commanded torque to that of the measurement noise, N*m/(m/s).
+      The noise is white up to the Nyquist frequency w, and the ratio is sqrt(1/w * integral over 0..w of |C S|^2).
+    - reference_rate: largest |rate| of the acting torque (after dead time and lag), N*m/s, after a step of 1 km/h of
+      the reference or of the measured slip velocity.
     - disturbance_rate: largest |rate| of the acting torque, N*m/s, after an impulse of torque at the wheel that changes
       the slip velocity by 1 km/h.
+
+    Both rates are inf if the actuator has no lag and `high_frequency_gain` is not 0.
     """
 
     high_frequency_gain: float
@@ -284,12 +301,13 @@ class Effort:
 def control_effort(
     controller: Any, plant: Any, dead_time: float, *, lag: float, sampling_period: float = SAMPLING_PERIOD
 ) -> Effort:
-    """Return the control effort of C(s) in a stable loop; the caller has to check the stability.
+    """Return the control effort of a controller C(s) in a loop that is known to be stable.
 
     - controller: linear system, or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity.
-    - plant: linear system from commanded torque to -e without the dead time, lag included, as from `actuated_plant`.
-    - dead_time, lag: of the actuator, s, >= 0.
-    - sampling_period: sampling period of the measurement with white noise, s, > 0.
+    - plant: linear system from commanded torque to -e (e is the slip error), with the actuator's lag and without its
+      dead time; `actuated_plant` returns it.
+    - dead_time, lag: dead time and lag of the actuator, s, >= 0.
+    - sampling_period: sampling period of the noisy measurement, s, > 0.
 
     InputError: an argument of wrong type or out of its range.
     """
@@ -312,7 +330,10 @@ def control_effort(
     wheel_gain = plant.gain * (lag or 1.0)
 
     def wheel(s: Any) -> Complexes:
-        """Return the transform of the slip velocity after a jump by 1, times s."""
+        """Return s times the Laplace transform of the slip velocity after a torque impulse that changes it by 1 m/s.
+
+        Only the wheel responds; the controller is not active.
+        """
         return np.asarray(plant(s) * (lag * s + 1) * s / wheel_gain)
 
     reference = _peak_rate(torque, lag, at_once)
@@ -321,10 +342,10 @@ def control_effort(
 
 
 def _peak_rate(torque: Callable[[Any], Complexes], lag: float, at_once: float) -> float:
-    """Return the largest |r(t)|, t > 0, of R(s) = torque(s)/(lag s + 1), the jump at_once/lag at 0 included.
+    """Return the largest |r(t)| for t >= 0, where r(t) has the Laplace transform torque(s)/(lag s + 1).
 
-    Computed by the Fourier series of exp(-c t) r(t) on a shifted contour. The part that falls as 1/s is added in closed
-    form.
+    `at_once` is the limit of torque(s) at infinity, so that r(0) = at_once/lag. The inverse transform is a Fourier
+    series of exp(-c t) r(t); the part that falls as 1/s is added in closed form.
     """
     if lag == 0 and at_once != 0:
         return math.inf

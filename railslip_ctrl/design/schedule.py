@@ -37,8 +37,8 @@ def plant_at(
 ) -> LinearPlant:
     """Return the linear plant at a law's published reference slip, SI.
 
-    - law: name of a published law, for the vehicle's wheel load.
-    - vehicle: vehicle with its present load.
+    - law: name of a published law; the law is evaluated at the vehicle's wheel load.
+    - vehicle: quarter car, empty or loaded.
     - rail: "dry" or "wet".
     - speed_kmh, initial_speed_kmh: train speed and v0 of the law, km/h.
 
@@ -62,16 +62,16 @@ def schedule_gains(
     lead: float = 0.0,
     lead_filter: float = 0.0,
 ) -> GainSchedule:
-    """Tune a PI at each speed and rail, for the empty and the loaded vehicle, and return the gains over speed.
+    """Tune a PI at each speed and rail, for the empty and the loaded vehicle, and return the gain schedule.
 
-    - speeds_kmh: speeds of the entries, km/h.
+    - speeds_kmh: speeds of the entries of the schedule, km/h.
     - law: name of a published law with a reference slip.
     - vehicle: quarter car with its empty and loaded mass.
     - rails: rail conditions.
     - ms_max: largest Ms at the entries, a ratio, > 1; ki is maximised. Between entries Ms may be slightly larger.
     - lead, lead_filter: time constants of a lead and its filter, common to all entries, s; 0 for none.
 
-    InfeasibleDesignError, with rail and speed, if an entry is infeasible; InputError without speeds.
+    InfeasibleDesignError, with rail and speed, if no gains meet `ms_max` there; InputError without speeds.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     actuator = vehicle.actuator
@@ -89,7 +89,7 @@ def schedule_gains(
 
 
 def _checked(draft: GainSchedule, law: str, vehicle: Vehicle) -> GainSchedule:
-    """Return the schedule with its worst Ms, also between the entries, and its lowest stable speed."""
+    """Return a copy of the schedule that states its worst Ms, also between the entries, and its lowest stable speed."""
 
     def loops(rail: Rail, speed_kmh: float) -> list[DeadTimeLoop]:
         controller = draft.controller(speed_kmh * KMH, rail)
@@ -121,7 +121,7 @@ def lowest_held_speed(
     ms_max: float = math.inf,
     low_kmh: float = _LOWEST_KMH,
 ) -> float:
-    """Return the lowest speed, km/h, from which the loop is stable with Ms <= `ms_max` up to 100 km/h.
+    """Return the lowest speed, km/h, such that the loop is stable with Ms <= `ms_max` from there up to 100 km/h.
 
     - plant: function of the speed, km/h, that returns the linear plant.
     - controller, actuator: the other parts of the loop.
@@ -141,7 +141,9 @@ def lowest_held_speed(
 def lowest_stabilisable_speed(
     plant: Callable[[float], LinearPlant], actuator: Actuator, *, lead: float = 0.0, lead_filter: float = 0.0
 ) -> float:
-    """Return the lowest speed, km/h, at least 0.5, at which some PI stabilises the loop, by the exact set of gains.
+    """Return the lowest speed, km/h, from which up to 100 km/h some PI stabilises the loop at each speed.
+
+    The search ends at 0.5 km/h. Each speed has its own exact set of stabilising gains.
 
     - plant: function of the speed, km/h, that returns the linear plant.
     - actuator: dead time and lag of the brake.
@@ -157,7 +159,7 @@ def lowest_stabilisable_speed(
 
 
 def _lowest(holds: Callable[[float], bool], low: float, high: float, message: str) -> float:
-    """Return the lower end of the interval of speeds, up to `high`, on which `holds` is true."""
+    """Return the lowest speed from which up to `high` the condition `holds` is true; `low` if it is true everywhere."""
     if not holds(high):
         raise InfeasibleDesignError(f"{message} at {high:g} km/h; lower the upper speed or change the design")
     grid = np.geomspace(high, low, 60)
@@ -175,14 +177,17 @@ def _lowest(holds: Callable[[float], bool], low: float, high: float, message: st
 
 
 Controller = Any
-"""Fixed linear controller (`systems.linear_controller`), or a function of the sweep's axis that returns one."""
+"""Linear controller (any argument of `systems.linear_controller`), or a function of speed or slip that returns one."""
 
 
 @dataclass(frozen=True)
 class MarginSweep:
-    """Margins by controller name over `values` of a quantity (`axis`), (n,), NaN if unstable.
+    """Margins of several controllers over the values of one quantity.
 
-    `pole` is the real part of the plant's rightmost pole at each value, 1/s, (n,).
+    - axis, unit: name and unit of the quantity.
+    - values: its values, (n,), in `unit`.
+    - pole: real part of the plant's rightmost pole at each value, 1/s, (n,).
+    - margins: margins of each controller by its name, (n,) each, NaN if the loop is unstable.
     """
 
     title: str
@@ -204,7 +209,7 @@ def sweep_speed(
 ) -> MarginSweep:
     """Return the margins of controllers over train speed at the reference slip of an adhesion law.
 
-    - controllers: by name, each fixed or a function of the speed, km/h.
+    - controllers: mapping from names to linear controllers, or to functions of the speed, km/h, that return one.
     - speeds_kmh: train speeds, km/h.
     - law, rail, initial_speed_kmh: name, rail condition and v0 (km/h) of the published law.
     - vehicle: quarter car.
@@ -227,7 +232,7 @@ def sweep_slip(
 ) -> MarginSweep:
     """Return the margins of controllers over slip ratio at one train speed, also beyond the adhesion peak.
 
-    - controllers: by name, each fixed or a function of the slip ratio.
+    - controllers: mapping from names to linear controllers, or to functions of the slip ratio that return one.
     - slips: slip ratios.
     - law, rail, initial_speed_kmh: name, rail condition and v0 (km/h) of the published law.
     - speed_kmh: train speed, km/h.

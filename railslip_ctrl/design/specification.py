@@ -14,7 +14,7 @@ from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins, fill_alone, stack
 
 ROBUST_MS = 2.0
-"""Largest robust Ms: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
+"""Largest Ms of a robust loop: with Ms = 2, gain factors of 2/3 to 2, or 29 deg, are tolerated ([Astrom2021] 13)."""
 
 _ROUNDING = 1e-6  # relative tolerance for a design that was tuned to the limit
 
@@ -77,7 +77,7 @@ class Specification:
 
 @dataclass(frozen=True)
 class Worst:
-    """Worst value of each margin over a family of stable loops, with the index of its loop."""
+    """Worst value of each margin over several stable loops, and the index of the loop that has this value."""
 
     ms: float
     ms_member: int
@@ -88,9 +88,10 @@ class Worst:
 
 
 def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, peaks: bool = True) -> BatchMargins:
-    """Return the margins of loops of any structures, in their order; NaN if a loop is unstable.
+    """Return the margins of loops, which may have different numbers of poles, in their order; NaN if unstable.
 
-    If `gain_margins` or `peaks` (Ms, Mt, disk margin) is false, these margins are NaN, which saves time.
+    To save time, gain margins are not computed if `gain_margins` is false, and Ms, Mt and disk margin not if `peaks` is
+    false; these values are then NaN.
     """
     columns: dict[str, np.ndarray] = {f.name: np.full(len(loops), np.nan) for f in fields(BatchMargins)}
     groups: dict[tuple[int, int], list[int]] = {}

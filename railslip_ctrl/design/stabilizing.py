@@ -3,9 +3,9 @@
 The boundaries come from the D-decomposition (`decomposition`); the exact root count decides which cells between them
 are stable ([Gryazina2008]; [Silva2005] has first-order plants in closed form).
 
-Certified results use ball arithmetic, for a root count or for a whole rectangle. A pole at j omega needs
-ki + j omega kp = R(omega), R = -j omega/P(j omega), one pair of gains for each frequency. If R is outside the rectangle
-at every omega > 0 and one point of the rectangle is stable, all points are.
+Ball arithmetic certifies results, for a root count or for a whole rectangle of gains. A pole at j omega needs
+ki + j omega kp = R(omega) with R = -j omega/P(j omega), which is one pair of gains for each frequency. If this pair is
+outside the rectangle at every omega > 0, and one point of the rectangle is stable, all its points are stable.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
 
 
 def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: Interval) -> bool:
-    """Return True if it is shown that no (kp + ki/s) of a closed rectangle puts a pole on the axis."""
+    """Return True if it is proved that no gains in a closed rectangle put a closed-loop pole on the imaginary axis."""
     integrated = Response(plant * Rational(np.array([]), np.array([0.0]), 1.0), dead_time)
     with ctx.workprec(_BITS):
         band = _band(Response(plant, dead_time), integrated, kp, ki)
@@ -66,9 +66,10 @@ def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: 
 
 
 def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> Interval | None:
-    """Return the frequency band, rad/s, outside of which no gain of the rectangle puts a pole on the axis, or None.
+    """Return a frequency band, rad/s, outside of which no gains in the rectangle put a pole on the imaginary axis.
 
-    Below the band |R| = 1/|P/s| < ki, above it |P| (|kp| + ki/omega) < 1. Both are monotone there.
+    Below the band |R| = 1/|P/s| < ki, above it |P| (|kp| + ki/omega) < 1; both left sides are monotone there. None if
+    no such band is found.
     """
     low, high = _ends(integrated)[0], _ends(plant)[1]
     most = max(abs(kp[0]), abs(kp[1]))
@@ -83,7 +84,7 @@ def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> 
 
 
 def _ends(response: Response) -> Interval:
-    """Return a frequency below and one above all turning points, jumps and zeros of |L|."""
+    """Return a frequency below and a frequency above all turning points, jumps and zeros of |L|."""
     roots = np.concatenate([response.system.zeros, response.system.poles])
     omega = [float(w.mid()) for w, _ in ExactLoop(response.system, response.dead_time).frequencies(SIZE)]
     omega += np.abs(roots[roots != 0]).tolist()
@@ -91,7 +92,7 @@ def _ends(response: Response) -> Interval:
 
 
 def _keeps_out(integrated: Response, low: float, high: float, kp: Interval, ki: Interval) -> bool:
-    """Return True if R stays outside the rectangle between two frequencies, rad/s."""
+    """Return True if it is proved that the gains for R are outside the rectangle between two frequencies, rad/s."""
     left, parts = [(low, high)], 0
     while left:
         a, b = left.pop()
@@ -105,7 +106,7 @@ def _keeps_out(integrated: Response, low: float, high: float, kp: Interval, ki: 
 
 
 def _outside(integrated: Response, low: float, middle: float, high: float, kp: Interval, ki: Interval) -> bool:
-    """Return True if a disc that contains R over a part of the band is outside the rectangle."""
+    """Return True if a disc that contains R from `low` to `high`, rad/s, has no gains in the rectangle."""
     value, slope = integrated.exact.value(arb(middle))
     half = arb(max(high - middle, middle - low)) * (1 + arb(2) ** -50)
     r = -1 / value
@@ -123,10 +124,10 @@ def _outside(integrated: Response, low: float, middle: float, high: float, kp: I
 
 
 class Region(ABC):
-    """Set of (kp, ki), ki >= 0, that stabilises one plant, or each of several.
+    """Set of all (kp, ki), ki >= 0, that stabilise one plant, or each of several plants, with negative feedback.
 
-    kp is in units of the plant's input over its output, ki in the unit of kp per second, for negative feedback. Each
-    end is exact to rounding.
+    kp is in units of the plant's input over its output, ki in the unit of kp per second. The ends of all intervals are
+    exact to rounding.
     """
 
     @property
@@ -170,7 +171,7 @@ class Region(ABC):
 
     @property
     def kp_range(self) -> Interval | None:
-        """Lowest and highest end of `kp_intervals`; None if there are none, see `reason`."""
+        """Lowest and highest end of `kp_intervals`; None, with `reason`, if there are no intervals."""
         intervals = self.kp_intervals
         return (intervals[0][0], intervals[-1][1]) if intervals else None
 
@@ -186,10 +187,12 @@ class Region(ABC):
         kp_limit: float = math.inf,
         ki_limit: float = math.inf,
     ) -> Any:
-        """Plot the region with contours of its worst margins as a matplotlib figure; errors as `region_map`.
+        """Plot the region with contours of its worst margins as a matplotlib figure.
 
-        `chosen` are (kp, ki) to mark by name, in the region's units; `kp_limit` and `ki_limit` are the largest gains to
-        draw, > 0, in the same units.
+        - chosen: gains to mark, by name: (kp, ki) in the region's units.
+        - kp_limit, ki_limit: largest gains to draw, > 0, in the region's units.
+
+        Errors are those of `region_map`.
         """
         strips, grid = region_map(self, kp_limit, ki_limit)
         plots = import_module("railslip_ctrl.report.plots")  # a package that imports this one
@@ -199,9 +202,9 @@ class Region(ABC):
 
 @dataclass(frozen=True)
 class StabilizingRegion(Region):
-    """Stabilising set of one plant: the stable cells of its `decomposition` of the (kp, ki) plane.
+    """Set of the gains that stabilise one plant; `stabilizing_pi` and `stabilizing_pid` return it.
 
-    Made by `stabilizing_pi` and `stabilizing_pid`.
+    `decomposition` divides the (kp, ki) plane of this plant into cells; the set consists of the stable cells.
     """
 
     decomposition: Decomposition
@@ -246,12 +249,12 @@ class StabilizingRegion(Region):
 
     @cached_property
     def p_intervals(self) -> Intervals:
-        """Open intervals of kp that stabilise with ki = 0, ascending, also where an integrator would not."""
+        """Open intervals of kp that stabilise with ki = 0, ascending; some may stabilise with no ki > 0."""
         return stable_intervals(self._critical, self._reference_gain, lambda kp: self._count(kp, 0.0), signed=True)
 
     @cached_property
     def is_empty(self) -> bool:
-        """True if no gains stabilise; if only `kp_range` is None, larger ki may still stabilise."""
+        """True if no gains stabilise. It can be False although `kp_range` is None: then only larger ki stabilise."""
         return not self.p_intervals and self._island is None
 
     def ki_intervals(self, kp: float) -> Intervals:
@@ -299,7 +302,7 @@ class StabilizingRegion(Region):
 
     @cached_property
     def _reference_frequency(self) -> float:
-        """Mean frequency of the plant's roots, rad/s, used as scale in an unbounded cell."""
+        """Geometric mean of the magnitudes of the plant's poles and zeros, rad/s; a scale for unbounded intervals."""
         sizes = np.abs(np.concatenate([self.plant.poles, self.plant.zeros]))
         sizes = sizes[sizes > 0]
         return float(np.exp(np.log(sizes).mean())) if sizes.size else 1.0
@@ -313,21 +316,22 @@ class StabilizingRegion(Region):
 
     @cached_property
     def _hidden(self) -> Complexes:
-        """Poles on or right of the axis that a zero cancels exactly."""
+        """Poles with real part >= 0 that a zero of the plant cancels exactly."""
         common = np.intersect1d(self.plant.zeros, self.plant.poles)
         return np.asarray(common[common.real >= 0], dtype=np.complex128)
 
     @cached_property
     def _sign_at_origin(self) -> float:
-        """Sign of the plant's numerator N at s = 0, for a monic denominator D."""
+        """Sign of N(0), where N/D is the plant and D is monic."""
         zeros = self.plant.zeros
         return float(np.sign(self.plant.gain) * np.prod(np.sign(-zeros[zeros.imag == 0].real)))
 
     def _integral_allowed(self, kp: float) -> bool:
-        """Return True if some ki > 0 may stabilise at this kp.
+        """Return False if no ki > 0 stabilises at this kp, because a real pole is unstable with every ki.
 
-        On the real axis s D + (kp s + ki) N exp(-tau s) is ki N(0) at the origin and has the sign of 1 + kp P(inf) for
-        large s. If the signs differ there is a positive real zero, also with a derivative part.
+        On the real axis the characteristic function s D + (kp s + ki) N exp(-tau s) is ki N(0) at the origin and has
+        the sign of 1 + kp P(inf) for large s. If the two signs differ, it is 0 at some s > 0. This also holds with a
+        derivative part.
         """
         far = 1.0 + self.decomposition.gain_at_infinity(kp)
         return bool(self._sign_at_origin * far > 0)
@@ -357,8 +361,8 @@ class StabilizingRegion(Region):
     def _island(self) -> tuple[float, Interval] | None:
         """Find a kp for which some ki stabilises although small ki does not; None if there is none.
 
-        At certain kp the boundary meets ki = 0 or has a turning point. One kp between each two neighbouring ones of
-        these is tried.
+        The values of kp at which the boundary meets ki = 0 or has a turning point divide the kp axis into intervals.
+        One kp in each interval is tried.
         """
         turns = self.decomposition.turning_points
         edges = np.unique([e for e in [*self._edges_of_kp(), *self.decomposition.curve(turns)[0]] if math.isfinite(e)])
@@ -371,7 +375,7 @@ class StabilizingRegion(Region):
 
 @dataclass(frozen=True)
 class IntersectionRegion(Region):
-    """Gains that are in all of `regions`; create it with `intersection`. `names`: names of the plants for `reason`."""
+    """Gains that are in each of `regions`; `intersection` returns it. `names` are the plants' names in `reason`."""
 
     regions: tuple[Region, ...]
     names: tuple[str, ...] = ()
@@ -421,13 +425,14 @@ def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     sigma, P > 0 at high frequency, and kp and ki are those of Tb = kp e + ki integral(e), e = sigma_d - sigma
     ([Park2008] (3), Table 4). For a plant of opposite sign kp < 0.
 
-    - plant: python-control TransferFunction or StateSpace, `Rational`, or a real number; P, controlled variable over
-      controller output, the actuator's lag included; any units, time in s. SISO, may be unstable; strictly proper if
-      there is dead time.
-    - dead_time: s, >= 0.
+    - plant: P(s), the transfer function from controller output to controlled variable, with the actuator's lag and
+      without the dead time: python-control TransferFunction or StateSpace, `Rational`, or a real number. Units are
+      free, with time in s. It is SISO and may be unstable; with dead time it must be strictly proper.
+    - dead_time: dead time, s, >= 0.
 
-    Returns the whole open set; kp in units of the plant's input over its output, ki in the unit of kp per second. If it
-    is empty, `kp_range` is None, and `reason` states why. InputError: the plant or the dead time is not of this form.
+    Returns the whole set, which is open: kp is in units of the plant's input over its output, ki in the unit of kp per
+    second. If it is empty, `kp_range` is None, and `reason` states why. InputError: the plant or the dead time is not
+    of this form.
     """
     return _region(plant, dead_time)
 
@@ -443,10 +448,12 @@ def stabilizing_pid(
 ) -> StabilizingRegion:
     """Return all (kp, ki) with ki >= 0 for which a PID with fixed derivative part stabilises; see `stabilizing_pi`.
 
+    The controller is C(s) = kp + ki/s + kd s/(Tf s + 1). Either `derivative_time` or `derivative_gain` sets kd.
+
     - plant, dead_time: as for `stabilizing_pi`.
-    - derivative_filter: Tf, s, > 0, in C(s) = kp + ki/s + kd s/(Tf s + 1).
-    - derivative_time: Td, s, >= 0: kd = Td kp, so that the derivative part scales with kp.
-    - derivative_gain: kd itself, in units of kp times s, of either sign. Give one of the two.
+    - derivative_filter: Tf, s, > 0.
+    - derivative_time: Td, s, >= 0; kd is then Td kp for every kp.
+    - derivative_gain: kd, of either sign, in units of kp times s; kd is then the same for every kp.
 
     InputError: both or neither of derivative time and gain, or a value outside its range.
     """
@@ -463,10 +470,12 @@ def stabilizing_pid(
 
 @checked
 def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> IntersectionRegion:
-    """Return the gains that are in every one of `regions`, in their units.
+    """Return the gains that are in each of several regions, in the units of the regions.
 
-    `names` are the names of the plants in the `reason` why an intersection is empty; by default the plants are
-    numbered. InputError: no region is given, or the number of names differs.
+    - regions: stabilising sets, in equal units.
+    - names: names of the plants, one for each region, for `reason` if no gains are common; by default numbers.
+
+    InputError: no region is given, or the number of names differs.
     """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
@@ -496,10 +505,10 @@ _BISECTIONS = 40  # bisections for the end of a strip, from the column spacing t
 
 @dataclass(frozen=True)
 class Strip:
-    """Part of a region between two curves, in the region's units.
+    """Part of a region: at each kp the gains with ki_low < ki < ki_high, in the region's units.
 
-    ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending. `kp_cut` and `ki_cut` are True if the region
-    continues beyond the limit of kp or ki that was given to `outline`.
+    - kp, ki_low, ki_high: arrays of shape (n,), kp ascending.
+    - kp_cut, ki_cut: True if the region continues beyond the limit of kp or ki that was given to `outline`.
     """
 
     kp: Floats
@@ -510,7 +519,7 @@ class Strip:
 
     @property
     def polygon(self) -> Floats:
-        """Closed outline, shape (2 n, 2), columns kp and ki."""
+        """Corners of the strip in order, array of shape (2 n, 2) with columns kp and ki."""
         return np.column_stack(
             [np.concatenate([self.kp, self.kp[::-1]]), np.concatenate([self.ki_low, self.ki_high[::-1]])]
         )
@@ -518,10 +527,14 @@ class Strip:
 
 @dataclass(frozen=True)
 class MarginGrid:
-    """Worst margins over all plants of a region, arrays of shape (kp.size, ki.size), NaN outside the region.
+    """Worst margins over all plants of a region, on a grid of gains.
 
-    `kp` and `ki` are the grid lines in the region's units; `ms` is the peak of |S|, a ratio, `phase_deg` the smallest
-    magnitude of the phase margin, deg, `delay_s` the smallest delay margin, s.
+    - kp, ki: values of the grid, arrays of shape (m,) and (n,), in the region's units.
+    - ms: largest Ms, a ratio, shape (m, n).
+    - phase_deg: smallest magnitude of the phase margin, deg, shape (m, n).
+    - delay_s: smallest delay margin, s, shape (m, n).
+
+    Margins are NaN outside the region.
     """
 
     kp: Floats
@@ -533,17 +546,18 @@ class MarginGrid:
 
 @checked
 def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = math.inf) -> tuple[Strip, ...]:
-    """Return the region as strips over 120 columns of kp, exact in each column.
+    """Return a region as strips, from its exact intervals of ki at 120 values of kp.
 
-    Columns are denser at the ends of `region.kp_range`. A strip lies between two continuous boundaries. `kp_limit` and
-    `ki_limit` are the largest gains, > 0, in the region's units; a strip that continues beyond them is marked. By
-    default the whole region is returned.
+    - region: stabilising gains of one or several plants.
+    - kp_limit, ki_limit: largest gains, > 0, in the region's units; by default there is no limit. A strip that
+      continues beyond a limit is cut and marked.
 
-    The ends of a strip are refined only where two neighbouring columns have different numbers of stable intervals of
-    ki. Parts of the region that lie between two columns are missed; `Region.contains` is exact.
+    The values of kp are denser at the ends of `region.kp_range`. Where the number of intervals of ki differs between
+    two neighbouring values, the kp of the change is found by bisection. A part of the region that lies between two
+    neighbouring values is not found; `Region.contains` is exact.
 
-    The strips are in order of kp; none for an empty region. `ki_high` is inf if ki is unbounded and no `ki_limit` is
-    given. InputError: the region is unbounded in kp, and no limit is given; a limit is not > 0.
+    Returns the strips; the result is empty for an empty region. `ki_high` is inf where ki is unbounded and there is no
+    `ki_limit`. InputError: the region is unbounded in kp, and no limit is given; a limit is not > 0.
     """
     for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
         if not limit > 0:
@@ -568,10 +582,13 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
 
 @checked
 def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
-    """Return the exact margins at each pair of gains inside a `region`; see `MarginGrid`.
+    """Return the exact margins at each pair of gains of a grid; see `MarginGrid`.
 
-    `kp` and `ki` are the values of the grid, 1-D: kp in units of the plant's input over its output, ki in the unit of
-    kp per second; ki = 0 is P control. InputError: a gain is not finite.
+    - region: stabilising gains of one or several plants.
+    - kp: values of the grid, 1-D, in units of the plant's input over its output.
+    - ki: values of the grid, 1-D, in the unit of kp per second; ki = 0 is P control.
+
+    InputError: a gain is not finite.
     """
     columns, rows = np.atleast_1d(numbers("kp", kp)), np.atleast_1d(numbers("ki", ki))
     members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]
@@ -590,10 +607,10 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
 def region_map(
     region: Region, kp_limit: float = math.inf, ki_limit: float = math.inf
 ) -> tuple[tuple[Strip, ...], MarginGrid]:
-    """Return the `outline` of a region and the margins over a grid within it.
+    """Return the `outline` of a region, and the margins on a grid of gains that covers it.
 
     - region: stabilising gains of one or several plants.
-    - kp_limit, ki_limit: largest gains to draw, > 0; by default the whole region.
+    - kp_limit, ki_limit: largest gains to draw, > 0, in the region's units; by default the whole region.
 
     InputError for an empty region, with the reason, and for an unbounded region without a limit.
     """
@@ -608,7 +625,7 @@ def region_map(
 
 
 def _strip(columns: Sequence[tuple[float, Intervals]], index: int, ki_limit: float) -> Strip:
-    """Return the strip of the intervals with one index, in columns of kp with equal numbers of intervals."""
+    """Return the strip that consists of interval number `index` of each column; a column is a kp with its intervals."""
     low, high = np.array([sets[index] for _, sets in columns]).T
     kp, ki_cut = np.array([x for x, _ in columns]), bool((high > ki_limit).any())
     return Strip(kp, np.minimum(low, ki_limit), np.minimum(high, ki_limit), ki_cut=ki_cut)
@@ -630,7 +647,7 @@ def _columns(region: Region, kp_limit: float) -> Floats:
 
 
 def _at_change_of_number(region: Region, left: float, right: float) -> dict[float, Intervals]:
-    """Return neighbouring columns with their intervals on both sides of a change of the number of intervals."""
+    """Return the two values of kp next to a change of the number of intervals of ki, each with its intervals."""
     columns = {x: region.ki_intervals(x) for x in (left, right)}
     for _ in range(_BISECTIONS):
         middle = 0.5 * (left + right)

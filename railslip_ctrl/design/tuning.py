@@ -31,7 +31,7 @@ __all__ = ["PIDesign", "Specification", "pi_for_crossover", "pi_transfer_functio
 class PIDesign:
     """Tuned PI gains with the margins of every plant and the worst value of each margin.
 
-    kp is in units of plant input per output, ki in the unit of kp per second.
+    kp is in units of the plant's input over its output, ki in the unit of kp per second.
     """
 
     kp: float
@@ -57,26 +57,26 @@ def tune_pi(
 ) -> PIDesign:
     """Tune one PI, kp + ki/s, for all plants.
 
-    - plants: python-control system, `Rational`, or a sequence of them; from controller output to controlled variable,
-      without the dead time; negative feedback.
-    - dead_time: s; one for all plants, or one for each.
-    - ms_max, phase_min_deg, delay_min_s: requirements on every loop: largest Ms, a ratio, > 1; smallest phase margin,
-      deg; smallest delay margin, s. ki is maximised under them.
+    - plants: python-control system, `Rational`, or a sequence of them: transfer functions from controller output to
+      controlled variable, without the dead time. Feedback is negative.
+    - dead_time: dead time, s, one value for all plants, or one for each.
+    - ms_max: largest Ms of every loop, a ratio, > 1.
+    - phase_min_deg, delay_min_s: smallest phase margin, deg, and smallest delay margin, s, of every loop.
     - crossover: lowest and highest gain crossover, rad/s; see `Specification`.
-    - minimise_ms: minimise the worst Ms at ki >= `ki_min` instead, under the other requirements. If all plants are
-      stable, the result is almost zero gain with Ms near 1; give `ms_max` then.
-    - ki_min: smallest ki, > 0, in the unit of kp per second; without it the integral action would vanish.
+    - minimise_ms: if true, minimise the worst Ms under the other requirements; by default maximise ki. If all plants
+      are stable, the smallest Ms belongs to gains of almost 0; then maximise ki with `ms_max` instead.
+    - ki_min: smallest ki, > 0, in the unit of kp per second, for `minimise_ms`; without it ki would become 0.
     - compensator: python-control system, `Rational`, or a real number; a further transfer function in series with the
       PI, such as a lead.
     - names: names of the plants in messages; by default numbers.
 
     The gains meet the specification exactly, and ki is a local maximum. The search covers kp up to four times the
-    values that stabilise with small ki. With a bound on Ms (up to 50) it excludes larger ki rigorously, except for
-    feasible gains that span less than 4 % of ki. Without a bound on Ms it tries values of ki 25 % apart.
+    largest kp that stabilises with small ki. With a bound on Ms (up to 50) the search proves that no larger ki meets
+    it; only a range of ki narrower than 4 % can be missed. Without a bound on Ms it tries values of ki 25 % apart.
 
-    Returns kp, in units of the plants' input per output, ki, in the unit of kp per second, and all plants' margins.
-    InfeasibleDesignError: no PI meets the specification; the message has the best achievable value. InputError: no
-    plants, an argument of wrong type, or a contradictory specification.
+    Returns kp, in units of the plants' input over their output, ki, in the unit of kp per second, and the margins of
+    all plants. InfeasibleDesignError: no PI meets the specification; the message has the best achievable value.
+    InputError: no plants, an argument of wrong type, or a contradictory specification.
     """
     specification = Specification(ms_max, phase_min_deg, delay_min_s, crossover)
     systems = _systems(plants, compensator)
@@ -92,7 +92,7 @@ def tune_pi(
 
 
 def _tuned(family: Family, specification: Specification, ki_min: float | None) -> PIDesign:
-    """Return the design with the largest ki, or with the smallest Ms at or above a given ki."""
+    """Return the design with the largest ki; if `ki_min` is given, the one with the smallest Ms and ki >= `ki_min`."""
     if ki_min is not None:
         kp, ki = least_ms(family, specification, number("ki_min", ki_min, gt=0))
     elif specification == Specification(crossover=specification.crossover):
@@ -107,11 +107,11 @@ def _tuned(family: Family, specification: Specification, ki_min: float | None) -
 
 @checked
 def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margin_deg: float) -> tuple[float, float]:
-    """Return (kp, ki) with exactly |L| = 1 and arg L = -180 deg + phase margin at a crossover.
+    """Return (kp, ki) of the PI whose loop has a given gain crossover with a given phase margin.
 
     - plant, dead_time: plant without dead time, and dead time, s, >= 0.
-    - crossover: frequency, rad/s, > 0.
-    - phase_margin_deg: phase margin at this frequency, deg.
+    - crossover: frequency at which |L| is 1, rad/s, > 0.
+    - phase_margin_deg: phase margin at this frequency, deg, in (0, 180).
 
     InfeasibleDesignError: this PI does not stabilise the plant, needs ki < 0, or has a smaller phase margin at another
     crossover.
@@ -170,7 +170,11 @@ _LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times of the first 
 
 @dataclass(frozen=True)
 class TunedCases:
-    """Tuning problem of a structure at some operating points, SI; an infeasible one has a `reason` and no design."""
+    """Specification for a kind of controller at some operating points, and the gains that were tuned, SI.
+
+    `design` has the gains; if no gains meet the specification it is None, and `reason` states why. `lead` and
+    `lead_filter` are the time constants, s, of the lead in series with the PI.
+    """
 
     kind: type[PI]
     points: tuple[OperatingPoint, ...]
@@ -183,12 +187,12 @@ class TunedCases:
 
     @property
     def asked(self) -> str:
-        """Goal and specification as text."""
+        """What is maximised or minimised, and the specification, as text."""
         goal = "maximise ki" if self.ki_min is None else f"minimise Ms with ki >= {self.ki_min:g} N*m/m"
         return ", ".join(filter(None, [goal, self.specification.description]))
 
     def controller(self, design: PIDesign) -> PIController:
-        """Return the controller with the design's gains."""
+        """Return the controller with the gains of `design` and the lead of these cases."""
         return PIController(PIGains(kp=design.kp, ki=design.ki), self.lead, self.lead_filter)
 
 
@@ -202,15 +206,15 @@ def tune_cases(
     lead: float | None = None,
     lead_filter: float | None = None,
 ) -> TunedCases:
-    """Tune one controller for all plants; if the specification is infeasible, the result has no design but a reason.
+    """Tune one controller for all plants; if no gains meet the specification, the result has a `reason` and no design.
 
-    - kind: class of the controller, which sets the compensator in series with kp + ki/s: none for a `PI`; for a
-      `PILead` a lead with the time constant `lead`, s, by default the actuator's lag; for a `PID` a lead that is
-      searched between 0.3 and 3 times the lag.
+    - kind: class of the controller: `PI` has no lead; `PILead` has a lead in series with kp + ki/s; for a `PID` the
+      time constant of this lead is searched between 0.3 and 3 times the actuator's lag.
+    - lead: time constant of the lead of a `PILead`, s; by default the actuator's lag.
     - lead_filter: time constant of the lead's filter, s; by default a tenth of the lead.
-    - ki_min: smallest ki, N*m/m, at which the worst Ms is minimised; without it ki is maximised.
+    - ki_min: smallest ki, N*m/m. If it is given, the worst Ms is minimised; otherwise ki is maximised.
 
-    InputError for an unknown structure, a lead for a plain PI, or a contradictory specification.
+    InputError: a lead for a plain PI or a PID, or a contradictory specification.
     """
     if not issubclass(kind, PILead) and (lead is not None or lead_filter is not None):
         given = "lead" if lead is not None else "lead filter"
@@ -224,13 +228,13 @@ def tune_cases(
 
 
 def _searched(tuned: Callable[[float | None], TunedCases], lag: float) -> TunedCases:
-    """Return the result with the best derivative time of a PID, between 0.3 and 3 times the actuator's lag."""
+    """Return the result of `tuned` with the best derivative time of a PID, between 0.3 and 3 times `lag`."""
     from scipy.optimize import minimize_scalar
 
     tried: dict[float, TunedCases] = {}
 
     def cost(log_time: float) -> float:
-        """Return the worst Ms if it is minimised, else minus ki."""
+        """Return the worst Ms if `ki_min` is given, else -ki: the value to be minimised over the derivative time."""
         cases = tried[log_time] = tried.get(log_time) or tuned(math.exp(log_time))
         if cases.design is None:
             return 1e30
@@ -283,7 +287,7 @@ class CommonPI:
     """PI gains with the smallest worst Ms over some operating points, at a fixed integral time.
 
     - controller: the PI.
-    - worst_ms: largest peak of |S| over the operating points, a ratio.
+    - worst_ms: largest Ms over the operating points, a ratio.
     - integral_time: kp/ki, s.
     - gain_range: interval of kp that stabilises all operating points at this integral time, N*m/(m/s).
     """
@@ -296,10 +300,11 @@ class CommonPI:
 
 @checked
 def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
-    """Return the PI that minimises the worst Ms over `plants`, at integral time 50 (dead time + lag) of the `actuator`.
+    """Return the PI that minimises the worst Ms over `plants`, with a fixed integral time.
 
-    kp is in N*m/(m/s), ki in N*m/m. InfeasibleDesignError: no single kp stabilises all plants (the message has the
-    range of each), or all plants are stable, so that zero gain has the smallest Ms. InputError: no plant is given.
+    The integral time kp/ki is 50 times the sum of dead time and lag of the `actuator`. kp is in N*m/(m/s), ki in N*m/m.
+    InfeasibleDesignError: no kp stabilises all plants (the message has the stabilising range of each plant), or all
+    plants are stable, so that gain 0 has the smallest Ms. InputError: no plant is given.
     """
     from scipy.optimize import minimize_scalar
 
@@ -353,9 +358,9 @@ def _common_range(
 
 @checked
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
-    """Return the frequency, rad/s, at which a `loop` L has its largest phase, and that phase, rad, continuous.
+    """Return the frequency, rad/s, at which the continuous phase of a `loop` is largest, and this phase, rad.
 
-    InputError: the phase only falls and has no maximum.
+    InputError: the phase has no maximum, for example because it falls at all frequencies.
     """
     curve = frequency_curve(loop, *loop.feature_band())
     top = int(np.argmax(curve.phase_deg))
@@ -368,7 +373,7 @@ def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
 
 @checked
 def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
-    """Return the factor, > 0, on the gain of a `loop` that makes |L(j omega)| = 1 at an `omega`, rad/s, > 0.
+    """Return the factor on the gain of a `loop` that puts a gain crossover at the frequency `omega`, rad/s, > 0.
 
     InputError: omega is not finite and positive.
     """
@@ -393,10 +398,14 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class FirstOrderModel:
-    """First-order model gain exp(-theta s)/(T s + 1) if stable, /(T s - 1) if unstable, /s if integrating.
+    """First-order model with dead time of a plant.
 
-    `gain` is output over input, (m/s)/(N*m) for the wheel, per second if integrating; `time_constant` is T (inf if
-    integrating) and `dead_time` theta, s.
+    It is gain exp(-theta s) divided by (T s + 1) if stable, by (T s - 1) if unstable, and by s if integrating.
+
+    - kind: type of the pole.
+    - gain: output over input, (m/s)/(N*m) for the wheel; per second if integrating.
+    - time_constant: T, s; inf if integrating.
+    - dead_time: theta, s.
     """
 
     kind: Kind
@@ -415,10 +424,15 @@ class FirstOrderModel:
 
 @dataclass(frozen=True)
 class RuleTuning:
-    """Controller of a tuning rule, C(s) = kp + ki/s + kd s, and the model that it used.
+    """Controller C(s) = kp + ki/s + kd s of a tuning rule, and the first-order model for which the rule computed it.
 
-    It may not stabilise the full plant. `derivative_gain` is kd, N*m/(m/s^2) for the wheel, 0 for a PI;
-    `closed_loop_time` is the rule's tuning parameter, s.
+    The controller may fail to stabilise the full plant.
+
+    - rule: name of the rule.
+    - gains: kp, N*m/(m/s), and ki, N*m/m, for the wheel.
+    - derivative_gain: kd, N*m/(m/s^2) for the wheel; 0 for a PI.
+    - model: first-order model of the plant.
+    - closed_loop_time: tuning parameter of the rule, s.
     """
 
     rule: str
@@ -442,16 +456,18 @@ class RuleTuning:
 def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     """Reduce a plant with real poles to first order by the half rule ([Skogestad2003]).
 
-    - plant: linear system from command to output, without the dead time. Its poles are real, at most one of them on or
-      right of the imaginary axis; InputError for another plant.
+    - plant: linear system from command to output, without the dead time. Its poles and zeros are real, and at most one
+      pole is >= 0.
     - dead_time: dead time, s, >= 0.
 
-    The model keeps the largest lag (or the integrator) of a stable or integrating plant. Half of the next lag is added
-    to it, half to the dead time. All smaller lags, and 1/z of each zero z right of the axis, are added to the dead
-    time. The time constant of a zero left of the axis is subtracted from the dead time if the dead time is larger.
+    For a stable or integrating plant the model keeps the largest lag, or the integrator. Half of the next lag is added
+    to the largest lag, the other half to the dead time. All smaller lags, and 1/z of each zero z > 0, are added to the
+    dead time. The time constant of each negative zero is subtracted from the dead time.
 
-    If the plant has an unstable pole p, the model keeps p, and all lags are added to the dead time: half a lag added to
-    1/p would make the pole slower than it is. The source covers only stable and integrating plants.
+    [Skogestad2003] does not cover unstable plants. If the plant has an unstable pole p, the model keeps p, and all lags
+    are added to the dead time: half a lag added to 1/p would make the pole slower than it is.
+
+    InputError: another plant, or negative zeros whose time constants are larger than the dead time of the model.
     """
     number("dead time", dead_time, "s", ge=0)
     plant = Rational.from_control(plant, "plant")
@@ -496,12 +512,15 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
 
 @checked
 def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = None) -> RuleTuning:
-    """Return the SIMC PI ([Skogestad2003]): kp = T/(k (tau_c + theta)), integral time min(T, 4 (tau_c + theta)).
+    """Return the PI of the SIMC rule ([Skogestad2003]) for the first-order model of a plant.
+
+    The model has gain k, time constant T and dead time theta. The rule is kp = T/(k (tau_c + theta)), with integral
+    time min(T, 4 (tau_c + theta)).
 
     - plant, dead_time: plant without dead time, and dead time, s, as in `first_order_model`.
     - closed_loop_time: tau_c, s, > -theta; by default theta ("tight control").
 
-    InputError for an unstable plant, for a model without dead time if `closed_loop_time` is missing, or as in
+    InputError: an unstable plant, a model without dead time if `closed_loop_time` is not given, or an error of
     `first_order_model`.
     """
     model = first_order_model(plant, dead_time)
@@ -526,17 +545,17 @@ def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = No
 def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, derivative: bool = False) -> RuleTuning:
     """Return a PI or PID for an unstable first-order plant with dead time, by internal model control ([Rotstein1991]).
 
+    The first-order model of the plant has gain k, time constant T and dead time theta; the tuning parameter is lambda.
+    With alpha = lambda (lambda/T + 2) the PI has kp = T alpha/(k lambda^2) and integral time alpha. The PID is this PI
+    in series with (theta s/2 + 1). Without dead time the complementary sensitivity is exactly
+    (alpha s + 1)/(lambda s + 1)^2. With dead time lambda must be in an interval, which [Rotstein1991] gives as a graph.
+
     - plant, dead_time: plant without dead time, and dead time, s, as in `first_order_model`.
     - closed_loop_time: lambda, s, > 0.
     - derivative: true for a PID, false for a PI.
 
-    With alpha = lambda (lambda/T + 2) the PI has kp = T alpha/(k lambda^2) and integral time alpha. Without dead time
-    this gives T(s) = (alpha s + 1)/(lambda s + 1)^2 exactly. The PID is this PI in series with (theta s/2 + 1). The
-    formulas are derived as in the source. With dead time only an interval of lambda stabilises; the source gives it as
-    a graph.
-
-    InputError: the plant is not unstable; no PI (theta >= T) or no PID (theta >= 2 T) stabilises its model; lambda is
-    not > 0; or the plant is not allowed in `first_order_model`.
+    InputError: the plant is not unstable; no PI (theta >= T) or no PID (theta >= 2 T) stabilises the model; lambda is
+    not > 0; or an error of `first_order_model`.
     """
     model = first_order_model(plant, dead_time)
     if model.kind is not Kind.UNSTABLE:

@@ -1,19 +1,20 @@
 """Search of the PI gains that meet a specification for a family of plants, and of the best gains; used by `tuning`.
 
-At each frequency Ms <= M means |1 + (kp + ki/(j omega)) P| >= 1/M. With x + j y = 1/P and r = |1/P|/M this is
-(kp + x)^2 + (ki/omega - y)^2 >= r^2: each plant and frequency excludes the gains inside an ellipse ([Astrom1998],
-MIGO). For phase and delay margin, a crossover at omega needs kp^2 + (ki/omega)^2 = |1/P|^2, and the phase there is that
-of C P; this excludes an arc of gains.
+The plant is P, with dead time. A bound M on Ms means |1 + (kp + ki/(j omega)) P| >= 1/M at each frequency. With
+x + j y = 1/P and r = |1/P|/M this is (kp + x)^2 + (ki/omega - y)^2 >= r^2. Therefore each plant and frequency excludes
+the gains inside an ellipse ([Astrom1998], MIGO). Gains with a crossover at omega are on the ellipse
+kp^2 + (ki/omega)^2 = |1/P|^2. The arc of this ellipse on which the phase or delay margin is too small is excluded.
 
 At one ki (a row), the kp that meet the specification are the gaps between the excluded intervals of all frequencies.
-The exact root count of one loop inside a gap decides whether the gap is stable. The search tries rows from the largest
-ki down until one has a stable gap. It follows this gap to the largest ki (the tip) with more frequencies, and ends with
-exact margins.
+The exact root count of one loop inside a gap decides whether the gap is stable. The search tries rows from large to
+small ki until a row has a stable gap. It then follows this gap, with more frequencies, up to the largest ki at which
+the gap exists (its tip), and computes the exact margins there.
 
-An ellipse is convex: a kp that it excludes at two ki is excluded at every ki between them. The gaps that remain in a
-band of ki contain all gains that meet the bound on Ms. The centres of the ellipses are the gains with a pole on the
-axis. A gap that contains no centre is therefore stable or unstable as a whole; this holds for all gaps of a band with
-k2/k1 - 1 <= 1/M. A band without a stable gap has no solution; any other band is divided.
+With a bound on Ms the search excludes larger ki by examining bands from ki = k1 to k2. An ellipse is convex: a kp that
+it excludes at k1 and at k2 is excluded at every ki between them. The gaps that remain contain all gains of the band
+that meet the bound. The centres of the ellipses are the gains with a pole on the imaginary axis. A gap that contains no
+centre is therefore stable or unstable as a whole. In a band with k2/k1 - 1 <= 1/M no gap contains a centre. A band
+without a stable gap has no solution; any other band is divided.
 """
 
 from __future__ import annotations
@@ -50,9 +51,11 @@ _REACH = 10.0  # factor between the gains at the highest samples and the ends of
 
 
 class Forbidden:
-    """Gains that a specification excludes for plants with dead time, at densely sampled frequencies (rad/s).
+    """Gains that a specification excludes for plants with dead time, at densely sampled frequencies.
 
-    `usual_kp` is the largest stabilising kp of each plant with little integral action, inf if nothing bounds it.
+    - responses: frequency responses of the plants.
+    - omegas: frequencies for each plant, rad/s.
+    - usual_kp: largest kp of each plant that stabilises with little integral action; inf if nothing bounds it.
     """
 
     def __init__(self, responses: Sequence[Response], omegas: Sequence[Floats], usual_kp: Sequence[float]) -> None:
@@ -67,21 +70,24 @@ class Forbidden:
         last = np.cumsum([omega.size for omega in omegas]) - 1
         self._last_of_double = last[[r.dead_time == 0 and r.system.relative_degree == 2 for r in responses]]
         self.reach = min(_REACH * float(np.nanmax(self._size[member])) for member in members)
-        """Largest |kp| searched: a larger one has a crossover above all samples. `ki_ends` are the ends of ki."""
+        """Largest |kp| of the search; a larger one has a crossover above all samples. `ki_ends` bounds ki likewise."""
         self.reach = min(self.reach, *(_FARTHEST * kp for kp in usual_kp))
         ki = self._omega * self._size
         self.ki_ends = float(np.nanmin(ki)) / _REACH**3, min(float(np.nanmax(ki[m])) for m in members) / _REACH
         self.log_times = -math.log(self._omega.max()) - 7.0, 7.0 - math.log(self._omega.min())
-        """Logarithms of two times, s, far below and far above the time constants of the plants."""
+        """Logarithms of a shortest and a longest time, s, between which the delay margin is searched."""
 
     @classmethod
     def sampled(cls, systems: Sequence[Rational], dead_times: Sequence[float], usual_kp: Sequence[float]) -> Forbidden:
-        """Choose frequencies so dense that the excluded gains are nearly linear in frequency between neighbours."""
+        """Return the excluded gains at frequencies so dense that they change nearly linearly between neighbours."""
         responses = [Response(g, tau) for g, tau in zip(systems, dead_times, strict=True)]
         return cls(responses, [_frequencies(*pair) for pair in zip(responses, usual_kp, strict=True)], usual_kp)
 
     def closer(self, kp: float, ki: float, ms_max: float) -> Forbidden:
-        """Return a copy with more samples near the crossovers of these gains and near minima |1 + L| at the bound."""
+        """Return a copy with more frequencies where a loop with these gains is critical.
+
+        They are added near the gain crossovers of the loops, and near minima of |1 + L| close to 1/`ms_max`.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):  # division by 0 at a pole on the axis
             loop = (kp - 1j * ki / self._omega) / self._inverse
             apart, above = np.abs(1 + loop), np.abs(loop) > 1
@@ -96,9 +102,10 @@ class Forbidden:
         return Forbidden(self._responses, omegas, self._usual_kp)
 
     def gaps(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
-        """Return the intervals of kp, ascending, that no sample excludes at this ki > 0, within `reach`.
+        """Return the intervals of kp, ascending, up to |kp| = `reach`, that no frequency excludes at this ki > 0.
 
-        With a larger ki `to`, return intervals that Ms does not exclude at every ki from `ki` to `to`.
+        If `to`, a larger ki, is given, only the bound on Ms counts, and only kp that some frequency excludes at every
+        ki from `ki` to `to` are left out.
         """
         parts = [*self._arcs(ki / self._omega, specification), *self._crossover_ends(ki, specification)]
         if to is not None:
@@ -117,11 +124,12 @@ class Forbidden:
         return list(zip(starts[wide].tolist(), ends[wide].tolist(), strict=True))
 
     def _beyond_samples(self, ki: float, radius: Floats) -> tuple[Floats, Floats]:
-        """Return the ends of the intervals of kp that Ms excludes above the last sample, for plants that fall as 1/s^2.
+        """Return the intervals of kp that the bound on Ms excludes at frequencies above the last sample.
 
-        The plants have no dead time. Centre -x and radius of the ellipses grow as omega^2, y at most as omega, and
-        ki/omega falls. So if ki/omega + |y| < r at the last sample, an ellipse contains every kp beyond its centre.
-        These gains stabilise; without this test every row would have a stable gap there.
+        There are such intervals for plants without dead time that fall as 1/s^2. As omega grows, centre -x and radius r
+        of the ellipses grow as omega^2, y grows at most as omega, and ki/omega falls. If ki/omega + |y| < r at the last
+        sample, every kp beyond the centre there is inside an ellipse of a higher frequency. These kp stabilise, so
+        that without this test every row would have a stable gap.
         """
         last = self._last_of_double
         last = last[ki / self._omega[last] + np.abs(self._inverse.imag[last]) < radius[last]]
@@ -129,9 +137,9 @@ class Forbidden:
         return np.where(kp > 0, kp, -np.inf), np.where(kp > 0, np.inf, kp)
 
     def _arcs(self, vertical: Floats, specification: Specification) -> list[tuple[Floats, Floats]]:
-        """Return the ends of the intervals of kp that the phase or delay margin excludes.
+        """Return the ends of the intervals of kp at which the phase or delay margin is too small.
 
-        In each interval the gain crossover is between two neighbouring samples.
+        The gain crossover of each interval is between two neighbouring samples, with linear interpolation.
         """
         phase = np.deg2rad(specification.phase_min_deg or 0.0)
         if specification.ms_max is not None:
@@ -159,7 +167,10 @@ class Forbidden:
         return arcs
 
     def _crossover_ends(self, ki: float, specification: Specification) -> list[tuple[Floats, Floats]]:
-        """Return the kp with a crossover at an end of its allowed range, as empty intervals that end a gap."""
+        """Return the kp whose gain crossover is at an end of the allowed range, as intervals of zero length.
+
+        They divide gaps, so that the crossover of a whole gap is inside or outside the range.
+        """
         ends = [w for w in specification.crossover or () if 0 < w < np.inf]
         sizes = np.array([[1 / np.abs(r(np.array([w]))[0]), ki / w] for w in ends for r in self._responses])
         kp = _leg(*sizes.T) if ends else np.array([])
@@ -167,7 +178,7 @@ class Forbidden:
 
 
 def _frequencies(response: Response, usual_kp: float) -> Floats:
-    """Return frequencies so dense that the excluded gains are nearly linear between neighbours, in any unit of gain."""
+    """Return frequencies, rad/s, so dense that the excluded gains change nearly linearly between neighbours."""
     system, dead_time = response.system, response.dead_time
     scales = np.abs(np.concatenate([system.zeros, system.poles, [1 / dead_time] if dead_time else []]))
     middle = np.exp(np.log(scales[scales > 0]).mean(keepdims=True)) if scales.any() else np.ones(1)
@@ -190,9 +201,9 @@ def _leg(hypotenuse: Floats, other: Floats) -> Floats:
 
 
 def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return the interval of [0, 1] on which all linear functions, given by their values at 0 and 1, are >= 0.
+    """Return the part of the interval [0, 1] on which several linear functions are all >= 0, as its start and end.
 
-    If the functions have no such interval in common, the start is above the end.
+    Each function is given by its values at 0 and 1. If there is no such part, the start is above the end.
     """
     start, end = np.zeros(ends[0][0].size), np.ones(ends[0][0].size)
     for first, last in ends:
@@ -226,7 +237,13 @@ _FEW = 4  # number of gains up to which all plants are computed at once
 
 @dataclass(frozen=True)
 class Family:
-    """Plants with their dead times, s, for one common PI; `compensated` if they contain a compensator."""
+    """Plants for which one common PI is tuned.
+
+    - systems: plants without dead time, each with the compensator.
+    - dead_times: dead time of each plant, s.
+    - compensated: whether there is a compensator, such as a lead.
+    - names: names of the plants in messages.
+    """
 
     systems: list[Rational]
     dead_times: list[float]
@@ -243,18 +260,18 @@ class Family:
         return [DeadTimeLoop(controller * g, tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
 
     def margins(self, kp: Floats, ki: float, *, peaks: bool) -> BatchMargins:
-        """Return the margins without gain margins of all plants for each of n gains kp, ordered by kp."""
+        """Return the margins, except gain margins, of all plants with each of n gains kp, ordered by kp, then plant."""
         loops = [loop for gain in kp.tolist() for loop in self.loops(gain, ki)]
         return family_margins(loops, gain_margins=False, peaks=peaks)
 
     def worst(self, kp: float, ki: float, margin: str) -> float:
-        """Return the largest Ms, or minus the smallest other margin, over the plants; inf if a loop is unstable."""
+        """Return the largest Ms over the plants, or -1 times the smallest value of another margin; inf if unstable."""
         margins = self.margins(np.array([kp]), ki, peaks=margin == "ms")
         values = getattr(margins, margin) * (1 if margin == "ms" else -1)
         return float(np.where(margins.stable, values, np.inf).max())
 
     def excess(self, kp: float, ki: float, specification: Specification) -> float:
-        """Return the relative violation of the specification by the worst loop; <= 0 meets it, inf is unstable."""
+        """Return by which ratio the worst loop violates the specification: <= 0 if it is met, inf if unstable."""
         return float(self.excesses(np.array([kp]), ki, specification)[0])
 
     def excesses(self, kp: Floats, ki: float, specification: Specification) -> Floats:
@@ -278,9 +295,9 @@ class Family:
         return np.asarray(np.where(margins.stable.reshape(shape), misses, np.inf).max(axis=1))
 
     def meets(self, kp: Floats, ki: float, specification: Specification) -> Flags:
-        """Return True for each of many kp, (n,), that meets the specification.
+        """Return for each of many kp, (n,), whether all plants meet the specification.
 
-        The first plant is checked first, because it excludes most gains.
+        The other plants are checked only at the kp with which the first plant meets it.
         """
         met = np.ones(kp.size, dtype=bool)
         for part in (slice(0, 1), slice(1, None)) if kp.size > _FEW else (slice(None),):
@@ -291,15 +308,15 @@ class Family:
 
     @cached_property
     def forbidden(self) -> Forbidden:
-        """Excluded gains at sampled frequencies."""
+        """Gains that a specification excludes, at sampled frequencies."""
         usual = [np.abs(r.kp_range).max() if r.kp_range else r.decomposition.largest_kp for r in self.regions]
         return Forbidden.sampled(self.systems, self.dead_times, usual)
 
     @cached_property
     def ki_ends(self) -> tuple[float, float]:
-        """Lower and upper end of the search for ki: negligible, and too large to stabilise all plants.
+        """Lower and upper end of the search for ki: a negligible ki, and a ki that does not stabilise all plants.
 
-        Without dead time the upper end is a large multiple of the plants' scale.
+        Without dead time the upper end is a ki with crossovers far above the poles and zeros of the plants.
         """
         low, high = self.forbidden.ki_ends
         high = min(high, *(r.decomposition.largest_ki for r in self.regions))
@@ -307,20 +324,21 @@ class Family:
 
     @cached_property
     def binding(self) -> list[int]:
-        """Indices of the plants that bound kp from below and from above."""
+        """Indices of the plants with the largest lower end and with the smallest upper end of stabilising kp."""
         ranges = [region.kp_range or (-math.inf, math.inf) for region in self.regions]
         return [int(np.argmax([low for low, _ in ranges])), int(np.argmin([high for _, high in ranges]))]
 
     @cached_property
     def few(self) -> Family:
-        """Family of the plants that bound kp, used for a first check before all plants."""
+        """The plants of `binding` alone, for a quick check before that of all plants."""
         chosen = sorted(set(self.binding))
         return replace(self, systems=[self.systems[i] for i in chosen], dead_times=[self.dead_times[i] for i in chosen])
 
     def row(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
-        """Return the intervals of kp that meet a specification at a ki.
+        """Return the intervals of kp that meet a specification at one ki.
 
-        With `to`, return the stable intervals that the bound on Ms does not exclude at every ki from `ki` to `to`.
+        If `to`, a larger ki, is given, return the stable intervals of the band from `ki` to `to`: those that
+        `Forbidden.gaps` leaves.
         """
         met, intervals = Specification() if to else specification, []
         for family in (self.few, self):
@@ -330,7 +348,7 @@ class Family:
         return intervals
 
     def gaps(self, intervals: list[Interval], ki: float, met: Specification) -> list[Interval]:
-        """Return the intervals of kp in which one loop inside meets a specification exactly."""
+        """Return those of the intervals of kp inside which one tested kp meets the specification `met` exactly."""
         if met.crossover is not None:
             intervals = [piece for gap in intervals for piece in pairwise(np.linspace(*gap, _PIECES + 1).tolist())]
         good = self.meets(np.array([_inside(*gap) for gap in intervals]), ki, met)
@@ -338,7 +356,7 @@ class Family:
 
 
 def _rows(low: float, high: float, ms_max: float | None) -> Floats:
-    """Return integral gains from `low` to `high`, ascending, in equal ratios."""
+    """Return integral gains from `low` to `high`, ascending, in equal ratios that suit the bound on Ms."""
     ratio = 1 + float(np.clip(1 / (ms_max or 1), *_BAND))
     return np.asarray(low * ratio ** np.arange(math.log(high / low) / math.log(ratio) + 1))
 
@@ -351,7 +369,7 @@ def _joined(gaps: list[Interval]) -> list[Interval]:
 
 
 def _inside(low: float, high: float) -> float:
-    """Return a gain between two others, of the magnitude of the smaller, for which the root count is cheaper."""
+    """Return a gain between two others; it has a small magnitude, because the root count is then cheaper."""
     if low * high > 0:
         return math.copysign(math.sqrt(low * high), low)
     return 0.5 * (high if low == 0 or (high != 0 and high < -low) else low)
@@ -378,7 +396,7 @@ def largest_ki(family: Family, specification: Specification) -> tuple[float, flo
 
 
 def _highest_rows(family: Family, specification: Specification) -> Iterator[tuple[float, list[Interval]]]:
-    """Yield integral gains that meet the specification, from near the largest down, with their intervals of kp."""
+    """Yield values of ki with which some kp meet the specification, from the largest down, with the intervals of kp."""
     bounded = specification.ms_max is not None
     bands = list(pairwise(_rows(*family.ki_ends, specification.ms_max).tolist()))
     while bands:
@@ -397,7 +415,10 @@ def _highest_rows(family: Family, specification: Specification) -> Iterator[tupl
 
 
 def _tip(family: Family, specification: Specification, gap: Interval, ki: float) -> tuple[float, float]:
-    """Return (kp, ki) with the largest ki near an interval of kp that meets the specification; ki 0 if none does."""
+    """Return (kp, ki) at the tip of a gap: the largest ki that meets the specification near the interval `gap` of kp.
+
+    ki is 0 if no gains near the gap meet the specification.
+    """
     stable = Specification(crossover=specification.crossover)
     around = gap[1] - gap[0] + _AROUND * max(map(abs, gap))
     window = ((gap[0] - around, gap[1] + around),)
@@ -428,7 +449,7 @@ def _tip(family: Family, specification: Specification, gap: Interval, ki: float)
 
 
 def _least(objective: Callable[[float], float], low: float, high: float) -> float:
-    """Return the minimum point of a function between `low` and `high`, near the smallest value on a coarse grid."""
+    """Return the point between `low` and `high` at which a function is smallest, found from a coarse grid."""
     from scipy.optimize import minimize_scalar
 
     grid = np.linspace(low, high, _LOOKS)
@@ -462,7 +483,10 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
 
 
 def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
-    """Return a ln ki near `start` that meets a condition and one that does not; equal if all meet it, None if none."""
+    """Return a ln ki near `start` that meets a condition, and a neighbouring one that does not.
+
+    The two are equal if all values tried meet the condition; None if no value meets it.
+    """
     first, here = bool(met(start)), start
     while step < (_FAR_UP if first else _FAR_DOWN):
         ahead = here + (step if first else -step)
@@ -473,7 +497,10 @@ def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -
 
 
 def _infeasible(family: Family, specification: Specification) -> InfeasibleDesignError:
-    """Return the error with the best value of each required margin alone, with almost no integral action."""
+    """Return the error for a specification that no gains meet.
+
+    Its message has the best value of each required margin, without the other requirements and with ki near 0.
+    """
     common = (
         intersection(family.regions, family.names) if len(family.regions) > 1 or family.names else family.regions[0]
     )
@@ -505,7 +532,7 @@ def _infeasible(family: Family, specification: Specification) -> InfeasibleDesig
 
 
 def _best(family: Family, margin: str) -> float:
-    """Return the smallest `Family.worst` over kp with almost no integral action; inf if no kp stabilises."""
+    """Return `Family.worst` of a margin with the best kp and a ki near 0; inf if no kp stabilises."""
     ki = family.ki_ends[0]
     worst = partial(family.worst, ki=ki, margin=margin)
     gaps = _tightest(family, ki, Specification(), margin)
@@ -513,9 +540,9 @@ def _best(family: Family, margin: str) -> float:
 
 
 def _tightest(family: Family, ki: float, others: Specification, margin: str) -> list[Interval]:
-    """Tighten the bound on one `margin` as far as possible at one ki; return the intervals of kp that still meet it.
+    """Return the intervals of kp that, at one ki, meet the tightest bound on one `margin` that some kp can meet.
 
-    These kp also meet the requirements `others`.
+    All these kp also meet the requirements `others`.
     """
 
     def bounded(x: float) -> Specification:
@@ -572,7 +599,10 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
 
 
 def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> InfeasibleDesignError:
-    """Return the error if no gains with ki >= `ki_min` meet the specification, with the largest ki that stabilises."""
+    """Return the error for the case that no gains with ki >= `ki_min` meet the specification.
+
+    If already no such gains stabilise all plants, its message has the largest ki that does.
+    """
     largest, _ = next(_highest_rows(family, Specification()), (math.nan, []))
     if math.isnan(largest):
         return _infeasible(family, specification)
@@ -588,7 +618,10 @@ def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> 
 def _with_more_ki(
     objective: Callable[[float, float], float], kp: float, ki: float, ki_min: float, width: float
 ) -> tuple[float, float]:
-    """Continue to larger ki if Ms falls with it, which is rare; `width` is a step of kp."""
+    """Return gains with a larger ki and a smaller Ms than (kp, ki) if there are any, else (kp, ki).
+
+    `width` is the first step of kp in the search.
+    """
     least = objective(kp, ki)
     if ki == ki_min and not objective(kp, 1.01 * ki) < least:
         return kp, ki

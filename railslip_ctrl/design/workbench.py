@@ -27,9 +27,13 @@ _CACHE_SIZE = 200  # largest number of cached results, most of them small
 
 
 class Workbench:
-    """Envelope of a design by hand, and its first controller, by default a PI-lead with gains from its rule.
+    """Envelope and first controllers for a design by hand, with cached results.
 
-    InputError for an envelope without points or reference slips, or a controller without named parameters.
+    - envelope: operating points and tolerances of the design.
+    - controller: first controller; by default the first controller of each kind follows from the rule of the kind.
+
+    InputError for an envelope without operating points or common reference slips, or a controller without named
+    parameters.
     """
 
     def __init__(self, envelope: Envelope, controller: Any = None) -> None:
@@ -44,7 +48,7 @@ class Workbench:
 
     @cached_property
     def reference(self) -> ReferenceSlip:
-        """Reference slips with which a design begins."""
+        """Reference slips of the first controllers: of the envelope, else of the given controller, else of the laws."""
         own = self.envelope.reference or getattr(self.given, "reference", None)
         slips = own or common_reference(self.envelope, self.envelope.points(nominal=True))
         if slips is None:
@@ -55,7 +59,7 @@ class Workbench:
 
     @cached_property
     def kinds(self) -> dict[str, Controller]:
-        """First controller of each kind that can be shaped, by name."""
+        """First controller of each kind whose parameters the user can change, by the name of the kind."""
         linear = [name for name, kind in structures().items() if issubclass(kind, PI)]
         points = self.envelope.at(reference=self.reference).points(nominal=True)
         controllers: dict[str, Controller] = {}
@@ -67,7 +71,7 @@ class Workbench:
         return controllers | ({} if self.given is None else {self.given.kind: self.given})
 
     def control(self, kind: str, values: Mapping[str, float], reference: ReferenceSlip | None = None) -> Controller:
-        """Return the controller of a kind with the given parameters and reference slips.
+        """Return the controller of a kind with parameters `values`, by name, and reference slips.
 
         InputError, with the parameter's name, for a value that the kind does not allow.
         """
@@ -78,13 +82,13 @@ class Workbench:
         return first.with_design_numbers(values, **({"reference": slips} if first.follows_reference else {}))
 
     def with_ratio_of(self, control: Controller) -> dict[str, Controller]:
-        """Return `kinds`, with a linear `control` added as ratio of polynomials under the kind "transfer function"."""
+        """Return `kinds`; the kind "transfer function" in it is `control`, if linear, as a ratio of polynomials."""
         if not isinstance(control, LinearControl) or control.kind == TransferFunction.kind:
             return self.kinds
         return {**self.kinds, TransferFunction.kind: begun(TransferFunction, control, self.reference)}
 
     def points(self, control: Controller, *, nominal: bool = True) -> tuple[Envelope, EnvelopePoints]:
-        """Return the envelope over which a controller is judged, and its cases."""
+        """Return the envelope over which a controller is judged, and the cases of this envelope; see `judge`."""
         slip_of = cast(HeldSlip, control.held_slip) if control.finds_slip else None
         own = (control.kind, control.slip_numbers()) if slip_of else getattr(control, "reference", None)
 
@@ -96,14 +100,14 @@ class Workbench:
         return cases
 
     def hardest(self, control: Controller, points: EnvelopePoints, from_kmh: float) -> int:
-        """Return the index of the hardest plant at or above a speed (km/h), whose loop is shown."""
+        """Return the index of the plant, at or above a speed (km/h), that is hardest to control."""
         if not isinstance(control, LinearControl) or getattr(control.system, "period", None) is not None:
             return fastest(points, from_kmh)
         screen: Screen = self.of_points(points, "screen", Screen.of)
         return screen.hardest(control.system, from_kmh)
 
     def of_points(self, points: EnvelopePoints, name: Any, make: Callable[[EnvelopePoints], Any]) -> Any:
-        """Return `make(points)`, cached; the points are cached too, so that their id stays unique."""
+        """Return `make(points)`, cached under `name`; `points` is cached too, because its id is part of the key."""
         return self._cached((id(points), name), lambda: (points, make(points)))[1]
 
     def _cached(self, key: Any, make: Callable[[], Any]) -> Any:

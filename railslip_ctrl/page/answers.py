@@ -1,6 +1,6 @@
 """Answer the requests of the page with numbers, texts and arrays of a design.
 
-The functions that the commands use compute them.
+They are computed by the functions that the commands use.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ Request = Mapping[str, Any]
 def encoded_answer(bench: Workbench, name: str, request: Request) -> bytes:
     """Return the answer to the request `name` of `ANSWERS`, encoded for the page; InputError for an invalid design.
 
-    The bytes are the length of the head, the head as JSON, and the arrays as 32-bit floats.
+    The answer consists of a head (numbers and texts) and arrays. The bytes are the length of the head, the head as
+    JSON, and the arrays as 32-bit floats.
     """
     with np.errstate(all="ignore"):
         head, arrays = ANSWERS[name](bench, request)
@@ -92,15 +93,16 @@ def start_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def _kind(control: Controller) -> dict[str, Any]:
-    """Return title and parameters of a kind, whether `tune` can find its gains, and whether it has a linear loop."""
+    """Return title and parameters of a controller, whether `tune` can tune it, and whether it has a linear loop."""
     loop = isinstance(control, LinearControl) or control.kind in structures()
     return {"title": control.title, "tuned": isinstance(control, PI), "loop": loop, "sliders": control.design_numbers()}
 
 
 def loop_answer(bench: Workbench, request: Request) -> Answer:
-    """Return exact margins, Nyquist, Bode, step and load response of one operating point.
+    """Return exact margins, Nyquist and Bode plot, step response and load response at one operating point.
 
-    The request may give the point; otherwise it is the hardest point at or above the request's speed `from`, km/h.
+    The request may have the index of the point; otherwise the hardest point at or above the speed `from` of the
+    request, km/h, is chosen.
     """
     control = _control(bench, request)
     _, points = bench.points(control)
@@ -140,7 +142,10 @@ def loop_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def envelope_answer(bench: Workbench, request: Request, *, nominal: bool = True) -> Answer:
-    """Return the verdict at the operating points, and the worst Ms and its lower bound over speed and load."""
+    """Return the verdict, the worst Ms over speed and load, and, if `nominal`, the lower bound of Ms.
+
+    If `nominal`, only the operating points are judged, without tolerances.
+    """
     control = _control(bench, request)
     envelope, points = bench.points(control, nominal=nominal)
     judgement = judge_points(envelope, control, points, nominal=nominal)
@@ -158,7 +163,7 @@ def envelope_answer(bench: Workbench, request: Request, *, nominal: bool = True)
 
 
 def verdict_answer(bench: Workbench, request: Request) -> Answer:
-    """Return the answer of `envelope_answer` with every tolerance."""
+    """Return the answer of `envelope_answer` for all cases, with tolerances."""
     return envelope_answer(bench, request, nominal=False)
 
 
@@ -182,11 +187,12 @@ def stops_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def region_answer(bench: Workbench, request: Request) -> Answer:
-    """Return the map of a design's parameters.
+    """Return a map of two parameters of the design.
 
-    - a PI: regions of (kp, ki) that stabilise the loops or keep Ms below a level, at a few of the hardest operating
-      points, or with `all` at every operating point
-    - another kind: the worst Ms at a few of the hardest points, over a grid of the two parameters named by `axes`
+    For a PI it has the regions of (kp, ki) that stabilise all loops, or have Ms below a level at all of them. The loops
+    are those at a few of the hardest operating points, or at every operating point if the request has `all`. For
+    another kind the map has the worst Ms at a few of the hardest operating points, on a grid of the two parameters that
+    `axes` of the request names.
     """
     kind, values, reference = _design(request)
     control, brake = bench.control(kind, values, reference), bench.envelope.vehicle.actuator
@@ -206,7 +212,11 @@ def region_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def tune_answer(bench: Workbench, request: Request) -> Answer:
-    """Return the gains of `railslip tune`: smallest worst Ms with ki >= `ki_min`, or largest ki with Ms <= `ms_max`."""
+    """Return the parameters of the design after tuning as `railslip tune` does.
+
+    If the request has `ki_min`, the worst Ms is minimised with ki >= `ki_min`; if it has `ms_max`, ki is maximised with
+    Ms <= `ms_max`.
+    """
     control = _control(bench, request)
     given = {name: sized(name, request[name]) for name in ("ms_max", "ki_min") if request.get(name)}
     if not isinstance(control, PI) or len(given) != 1 or min(given.values()) <= 0:
@@ -222,7 +232,7 @@ def tune_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def file_answer(bench: Workbench, request: Request) -> Answer:
-    """Return the text of a file of the design, whose `name` is in `FILES`."""
+    """Return the text of a file that describes the design; the request has its `name`, one of `FILES`."""
     name, control = str(request.get("name")), _control(bench, request)
     if name not in FILES:
         raise InputError(f"file: give one of {', '.join(FILES)}")

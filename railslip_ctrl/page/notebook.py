@@ -17,7 +17,7 @@ _HEIGHT = 1100  # height of the frame, CSS pixels; shows the map and four plots 
 
 
 class DesignPage(ExitStack):
-    """Design page, served at `address` until `close()`; returned by `design_page`."""
+    """Design page that is served at `address` until `close()` is called; `design_page` returns it."""
 
     def __init__(self, bench: Workbench, port: int) -> None:
         super().__init__()
@@ -37,14 +37,16 @@ class DesignPage(ExitStack):
 
 @checked
 def design_page(envelope: Envelope | Vehicle = PARK2008, controller: Any = None, *, port: int = 0) -> DesignPage:
-    """Serve the page of `railslip design`: a notebook shows it in a frame, a browser at its `address`.
+    """Serve the page of `railslip design`.
 
-    - envelope: the envelope to shape the loop for, or a vehicle, whose default envelope is used.
-    - controller: first design: a controller, its class, a linear system or a design of `tune`; default: a PI-lead.
-    - port: port number on 127.0.0.1; 0: any free port.
+    A notebook shows the returned page in a frame; a browser shows it at its `address`. The page is served until its
+    `close()` is called, or Python ends.
 
-    The page is served until its `close()` or the end of Python. InputError if the controller has no named parameters,
-    the envelope has no operating points, or the port is in use.
+    - envelope: operating points and tolerances of the design; or a vehicle, whose envelope is then used.
+    - controller: first design: a controller, its class, a linear system or a design of `tune`; by default a PI-lead.
+    - port: port number on 127.0.0.1; with 0 any free port is used.
+
+    InputError if the controller has no named parameters, the envelope has no operating points, or the port is in use.
     """
     number("port", port, ge=0, le=65_535)
     return DesignPage(Workbench(Envelope(envelope) if isinstance(envelope, Vehicle) else envelope, controller), port)

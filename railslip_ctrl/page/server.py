@@ -1,8 +1,8 @@
 """Serve the page on 127.0.0.1: check requests, limit their number, and drop outdated requests.
 
-A request is answered if its address has the token, its Host header is this server, and its Origin header, if any, is
-the page itself. Requests for the loop are answered in this process and never wait; other requests are answered in
-further processes.
+A request is answered only if its address has the secret token of the server, its Host header is this server, and its
+Origin header, if there is one, is the page itself. Requests for the loop are answered in this process, so that they do
+not wait for slow requests; slow requests are answered in other processes.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _POLICY = (
 
 
 class Dispatcher:
-    """Answers the requests of all tabs of a workbench; each tab numbers its requests."""
+    """Answers the requests of all browser tabs for the workbench `bench`; each tab numbers its requests."""
 
     def __init__(self, bench: Workbench) -> None:
         own = [law for law in bench.envelope.laws if isinstance(law, AdhesionLaw)]
@@ -60,7 +60,7 @@ class Dispatcher:
 
     @contextmanager
     def opened(self) -> Iterator[Dispatcher]:
-        """Start the processes for slow requests, or a thread if a process cannot import a class of the user."""
+        """Start the processes for slow requests; a thread if another process cannot import a class of the user."""
         with processes(1) as medium, processes(2) as slow, ThreadPoolExecutor(1) as thread:
             answer = partial(_answer_in_process, self._sent) if self._sent else partial(encoded_answer, self.bench)
             pools = ((1, medium), (2, slow)) if self._sent else ((1, thread.submit), (1, thread.submit))
@@ -68,7 +68,12 @@ class Dispatcher:
             yield self
 
     def answer(self, name: str, client: str, turn: int, request: dict[str, Any]) -> bytes | None:
-        """Return the answer, or None if the tab `client` has sent a newer request of this name than number `turn`.
+        """Return the answer to a request; None if the request is outdated.
+
+        - name: name of the request.
+        - client: name of the browser tab.
+        - turn: number of the request; it is outdated if the tab has sent one of the same name with a higher number.
+        - request: content of the request.
 
         InputError as in `encoded_answer`; Full if too many slow requests are waiting.
         """
@@ -103,9 +108,10 @@ def _answer_in_process(sent: bytes, name: str, request: dict[str, Any]) -> bytes
 
 
 class PageServer(ThreadingHTTPServer):
-    """HTTP server of a `dispatcher`, at an `address` with a token; InputError if the port is not available.
+    """HTTP server of the page on 127.0.0.1, whose requests the `dispatcher` answers.
 
-    On a port that the user chooses, the token is the same after a restart, so that open pages reconnect.
+    `address` contains a secret token. On a `port` that the user chooses, the token remains the same after a restart, so
+    that open pages reconnect. InputError if the port is not available.
     """
 
     daemon_threads, request_queue_size = True, 128
@@ -124,7 +130,7 @@ class PageServer(ThreadingHTTPServer):
         self._connections = threading.BoundedSemaphore(_CONNECTIONS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Start a thread for the connection; close it if too many are open (the browser tries again)."""
+        """Start a thread for the connection; if too many are open, close it, and the browser tries again."""
         if self._connections.acquire(timeout=0.5):
             super().process_request(request, client_address)
         else:
@@ -137,7 +143,7 @@ class PageServer(ThreadingHTTPServer):
             self._connections.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print the error in one line, unless the browser has closed the connection or the server is ending."""
+        """Print an error in one line; errors of a closed connection, or while the server ends, are not printed."""
         kind, error, _ = sys.exc_info()
         if kind is not None and not issubclass(kind, OSError | RuntimeError):
             print(f"railslip: design: {kind.__name__}: {error}", file=sys.stderr)
