@@ -1,4 +1,4 @@
-"""Results of `railslip rare` as text, JSON and files: probability of a rare event, or factors Kdry_rst."""
+"""Results of `railslip campaign --rare` or `--confidence-levels` as text, JSON and files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def text_of(result: Result) -> str:
     """Return the result as text.
 
     For a rare event these are its probability, the contribution of each input, and the most likely stop with the event.
-    For confidence levels this is the table of Kdry_rst, lower deceleration over nominal deceleration.
+    For confidence levels this is the table of Kdry_rst: deceleration of a given probability over nominal deceleration.
     """
     facts, table, last = _levels(result) if isinstance(result, ConfidenceLevels) else _event(result)
     title = heading(f"{result}: {result.campaign.scenario.name}, {result.campaign.controllers[0].label}")
