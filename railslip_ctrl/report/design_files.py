@@ -33,7 +33,10 @@ def script_text(envelope: Envelope, control: Controller) -> str:
     """
     kind = type(control)
     if python_file(kind) is not None or any(isinstance(law, AdhesionLaw) for law in envelope.laws):
-        raise InputError("script: cannot contain your own controller or adhesion law; save controller.toml instead")
+        raise InputError(
+            "script: a Python script with your own controller class or adhesion law is not supported; save "
+            "controller.toml instead"
+        )
     given = {**control.file_keys(), "name": control.label, "reference": control.reference}
     fields = type(envelope).model_fields
     changed = {n: getattr(envelope, n) for n in fields if n != "vehicle" and getattr(envelope, n) != fields[n].default}

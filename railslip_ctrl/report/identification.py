@@ -552,4 +552,6 @@ def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | N
         with tempfile.TemporaryFile(dir=path.parent) as rows, staged(path.parent) as new:
             yield ObservedRows(new / path.name, radius, rows)
     except OSError as error:
-        raise InputError(f"--observed: {str(path)!r} cannot be written ({error.strerror or error})") from None
+        raise InputError(
+            f"--observed: {str(path)!r} cannot be written ({error.strerror or error}); give another file"
+        ) from None

@@ -334,7 +334,7 @@ def design_report(
     rivals: dict[str, Rival] = {}
 
     def run_rival(name: str, controller: Any) -> None:
-        progress(f"judge and run {name}")
+        progress(f"judge controller {name} and simulate its stops")
         rivals[name] = _rival(name, controller, envelope, nominal)
 
     for name, controller in (given or {}).items():
@@ -361,7 +361,7 @@ def design_report(
         for name, controller in (given or {}).items():
             if name not in rivals:
                 run_rival(name, controller)
-        progress("conditions of the predictive sliding-mode law")
+        progress("verify the conditions of the predictive sliding-mode law")
         shown = tuple(rivals[name] for name in given or {})
         report = replace(report, rivals=shown, sliding=conditions(), released=no_locks())
         return replace(report, seconds=time.perf_counter() - started)
@@ -443,7 +443,7 @@ def _designed(
     - beside: function that starts functions in a second process, and functions that return the trials started there.
     """
     submit, others = beside
-    progress("braking runs")
+    progress("simulate the stops")
     designed = [item for item in selection.choices if item.design is not None][: candidates.MOST_LINEAR]
     trials = [candidates.linear_trial(item, nominal, False) for item in designed]  # others run in the second process
     trials += [item for get in others if (item := get()) is not None]
@@ -453,9 +453,9 @@ def _designed(
     had = submit(clairvoyant_stops, [stop.braked_scenario for i in sorted(bounded) for stop in trials[i].stops])
     remedy: Callable[[], Remedy | None] = lambda: None  # noqa: E731
     if best.above_kmh is None:
-        progress("find a brake with which a controller qualifies")
+        progress("search for a faster brake with which a controller qualifies")
         remedy = submit(candidates.remedy_of, envelope, trials, nominal)
-    progress("limits, gain map, responses")
+    progress("compute limits, gain map and responses")
     judgement = best.judgement
     in_use = judgement
     if judgement is not None and (least := max(best.lowest_kmh, judgement.hand_over_kmh)) <= max(envelope.speeds):
