@@ -97,7 +97,7 @@ class Trial:
 
     @property
     def judgement(self) -> Judgement | None:
-        """Margins of the candidate over the envelope, judged; None if the controller has no margins."""
+        """Judgement of the candidate over the envelope; None if the controller has no margins."""
         return None if self.choice.design is None else self.choice.design.judgement
 
     def distance(self) -> float:
@@ -176,10 +176,11 @@ class Remedy:
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
     """Simulate the harder stops with the candidates that can be the best, and sort all trials, the best first.
 
-    The candidate with the shortest nominal stops is first (if `prefer` is "robustness": with the smallest worst Ms).
-    Two candidates must qualify in the harder stops. After that, only candidates whose distance (or Ms) is at most 10 %
-    above that of the first qualified one run these stops. If no candidate qualifies, the least bad one and slide
-    protection run them. If `nominal`, no candidate runs them. `submit` starts a function in a second process.
+    The harder stops are simulated first with the candidate that has the shortest nominal stops (or, if `prefer` is
+    "robustness", the smallest worst Ms), then with the next one, until two candidates qualify. After that, a candidate
+    is tried only if its distance (or Ms) is at most 10 % above that of the first candidate that qualified. If none
+    qualifies, the harder stops are simulated with the least bad candidate and with slide protection. If `nominal`, they
+    are not simulated. `submit` starts a function in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)
@@ -369,10 +370,10 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
 
 
 def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
-    """Smallest change to a faster brake (`FASTER`) with which a controller qualifies; None if there is none.
+    """Find the slowest of the faster brakes (`FASTER`) with which a controller qualifies; None if there is none.
 
-    Only controllers that follow from the vehicle alone are tried, the least bad first. Smaller slips and higher
-    hand-over speeds are not tried, because they have already failed.
+    Only controllers whose parameters are computed from the vehicle alone are tried, the least bad first. Smaller slips
+    and higher hand-over speeds are not tried, because they have already failed with the given brake.
     """
     names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
     old = envelope.vehicle.actuator

@@ -554,7 +554,10 @@ def _candidates(report: DesignReport) -> Section:
 
 
 def _same(choice: StructureChoice, other: StructureChoice) -> bool:
-    """True if two candidates have the same design; comparing the objects fails after a second judgement."""
+    """True if two candidates have the same structure, share of the reference slip, and lead filter.
+
+    Their objects may differ, because a design can be judged twice.
+    """
     names = ("structure", "reference_factor", "lead_filter")
     return all(getattr(choice, name) == getattr(other, name) for name in names)
 

@@ -272,7 +272,7 @@ def minus(text: str) -> str:
 
 
 def roots_text(values: Iterable[complex]) -> str:
-    """Format poles or zeros, separated by commas; a conjugate pair is written once, and no value gives "none"."""
+    """Format poles or zeros, separated by commas, with one text for a conjugate pair; "none" if there are none."""
 
     def root_text(value: complex) -> str:
         return f"{value.real:.5g}" if value.imag == 0 else f"{value.real:.5g} ± {abs(value.imag):.5g}j"

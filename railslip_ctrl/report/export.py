@@ -205,7 +205,7 @@ def _certificate_json(certificate: Certificate) -> dict[str, Any]:
 
 
 def _limits_json(assessment: Assessment) -> dict[str, Any]:
-    """Return the limits for any controller, for a PI and for a PI-lead as JSON; null if a theorem does not apply."""
+    """Return the limits for any controller, for a PI and for a PI-lead as JSON; a limit that is not known is null."""
     limits = assessment.limits
     names = {"unstable_pole_rad_s": "unstable_pole", "pole_times_dead_time_and_lag": "actuator_product"}
     content = exported(limits, **names, mt_lower_bound="mt_bound", ms_lower_bound="ms_bound")

@@ -123,7 +123,7 @@ def with_units(text: str) -> str:
 
 
 def formula(latex: str) -> Markup:
-    """Return a LaTeX formula as inline MathML, with fractions in display size."""
+    """Return a LaTeX formula as inline MathML, with fractions as large as in a separate formula."""
     from latex2mathml.converter import convert
     from markupsafe import Markup
 

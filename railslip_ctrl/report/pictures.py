@@ -74,7 +74,7 @@ def write_results(
 ) -> int:
     """Write the files `results`, then draw and write the pictures; return the number of all files.
 
-    InputError: a file cannot be written, or a picture is missing; `results` are then already written.
+    InputError: a file cannot be written, or a picture cannot be drawn; without a picture `results` are still written.
     """
     written, pictures = write_files(directory, results), Pictures()
     pictures.draw(figures, forms)

@@ -184,7 +184,7 @@ def _fact(fact: Fact, style: Callable[[str], str]) -> Details:
 
 
 def reproduction_finding(comparison: Table5) -> str:
-    """Return sentences that say how many numbers of Table 5 are within tolerance, and which of them need more seeds."""
+    """Return sentences that say how many numbers of Table 5 are within tolerance, and which numbers need more seeds."""
     out = [row for row in comparison.rows if not row.within]
     total, seeds = len(comparison.rows), comparison.seeds
     text = (

@@ -109,7 +109,7 @@ def _law_source(scenario: simulation.Scenario, law_speed: float) -> str:
 def simulation_text(run: simulation.Run, law_speed: float) -> str:
     """Return the report on a run as text: scenario, controller, outcome, numbers and energy balance.
 
-    - run: run; if an event of its scenario is given by distance, the run must be recorded.
+    - run: braking run; if an event of its scenario is given by distance, the run must be recorded.
     - law_speed: initial speed v0 for which a published adhesion law is computed, m/s.
     """
     scenario = run.scenario

@@ -172,7 +172,7 @@ def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = 
 
 
 def as_reference(operating: Sequence[OperatingPoint]) -> ReferenceSlip:
-    """Slips of the first adhesion law at these points, as reference slips; the first stops have this law.
+    """Reference slips that are the slips of the operating points with one adhesion law, a static law if there is one.
 
     If the law has points on only one rail, the slip on this rail is used for the other rail too.
     """
@@ -270,9 +270,9 @@ def harder_stops(control: Any, judgement: Judgement) -> tuple[Stop, ...]:
 
 
 def locks_at_once(control: Any, judgement: Judgement, above: float, *, hard: bool) -> bool:
-    """True if the wheel locks at a train speed above `above`, m/s, in a nominal stop; if `hard`, or in a harder one.
+    """True if the wheel locks at a train speed above `above`, m/s, in any nominal stop.
 
-    Each stop is simulated with one seed, and the first lock ends the search.
+    If `hard`, harder stops count too. Each stop is simulated with one seed, and the first lock ends the search.
     """
     cases = product(laws_of_stops(judgement), _loads(judgement), judgement.envelope.rails)
     plain = ((stop_scenario(judgement.envelope, judgement.points, law, load, rail), load) for law, load, rail in cases)

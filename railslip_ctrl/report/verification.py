@@ -74,7 +74,7 @@ def verification_json(verification: Verification) -> dict[str, Any]:
     - conditions: `holds` and `how` are null if a condition was not decided. `down_to_kmh` is the lowest speed at which
       it holds. `tolerated_errors` are the largest errors of the law's estimates, each alone and in both directions, as
       ratios; null if unbounded.
-    - box: ranges of speed, slip and other quantities for which the conditions are proved; only for the predictive law.
+    - box: ranges of speed, slip and other quantities in which the conditions are checked; only for the predictive law.
     - tolerances: for each quantity, the largest value at which all conditions hold while the others are as in `box`.
     """
     return {

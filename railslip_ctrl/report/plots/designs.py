@@ -408,7 +408,7 @@ def _number_contours(ax: Any, lines: Any, labels: Mapping[float, str], marks: It
 
 
 def _round_levels(values: Any) -> dict[float, str]:
-    """Contour levels with round numbers; extreme values (beyond two quantiles) get no contours."""
+    """Contour levels with round numbers; the highest and the lowest values of the quantity get no contours."""
     finite = values[np.isfinite(values)]  # without a crossover a margin is infinite
     if not (finite.size and finite.max() > 0):
         return {}

@@ -75,9 +75,9 @@ def _adhesion(ax: Any, result: Identification, columns: int) -> None:
 def drift_figure(result: Identification) -> Figure:
     """Plot the slip and the mu of the adhesion peak over train speed, for each rail, with the reference slip.
 
-    Peaks from the log have 95 % intervals. Hollow marks are not from the log: they are extrapolated to other speeds, or
-    computed for wet rail from the dry law, then without intervals. The curve of Curtius and Kniffler (largest mu of
-    locomotives on dry rail) is drawn for comparison.
+    Peaks at the speed of the log have filled marks. Hollow marks are extrapolated to other speeds, or computed for wet
+    rail from the dry law. Error bars are 95 % intervals; peaks computed from the dry law have none. The curve of
+    Curtius and Kniffler (largest mu of locomotives on dry rail) is drawn for comparison.
     """
     title = f"Peak of {result.chosen.fit.model.name} over speed: {result.curve.name.rsplit('/', 1)[-1]}"
     figure = style.new_figure(4.2, title)

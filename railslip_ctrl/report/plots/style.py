@@ -134,7 +134,7 @@ def folded(text: str, inches: float, size: float = TEXT) -> str:
 
 
 def legend_below(ax: Any, drop: float = 0.2, columns: int = 1, **options: Any) -> None:
-    """Put a legend below the axes; `drop` is its distance from them over their height."""
+    """Put a legend below the axes; `drop` is its distance from the axes over the height of the axes, a ratio."""
     anchor = {"loc": "upper center", "bbox_to_anchor": (0.5, -drop)}
     ax.legend(ncols=columns, handlelength=_HANDLE, **anchor, **_LEGEND, **options)
 
