@@ -1,4 +1,4 @@
-"""Campaign, and a repeated run of it, as text and JSON."""
+"""Reports on a campaign (many runs with varied quantities), and on one repeated run of it, as text and JSON."""
 
 from __future__ import annotations
 
@@ -26,17 +26,20 @@ from .export import exported, plain
 
 
 def headed(title: str, unit: str) -> str:
-    """Return the head of a column or axis, with the unit in brackets if there is one."""
+    """Return the title of a table column or an axis; the unit follows in brackets unless it is empty or "1"."""
     return title if unit in ("", "1") else f"{title} ({unit})"
 
 
 def measure_head(measure: Measure) -> str:
-    """Return the title of a measure with the unit for display."""
+    """Return the title of a measure, such as the braking distance, with the unit in which tables show it."""
     return headed(measure.title, measure.shown_unit or measure.unit)
 
 
 def quantity_heads(campaign: Campaign) -> dict[str, str]:
-    """Return column heads of the varied quantities by name: the shortest unique end of the path, with the unit."""
+    """Return a column title for each varied quantity: the last words of its dotted name, and its unit.
+
+    A title has as few words as possible, but no two quantities have the same title.
+    """
     endings = {
         name: [name.split(".", dots)[-1] for dots in range(name.count("."), -1, -1)]  # shortest first
         for name in campaign.quantity_units
@@ -58,7 +61,7 @@ def campaign_text(summary: CampaignSummary) -> str:
     if summary.any_stopped:
         parts += [_mean_table(summary), _quantile_table(summary), Text(_interval_note(summary))]
     else:
-        parts.append(Text("None: there are no statistics and no pictures."))
+        parts.append(Text("No run stopped, so that there are no statistics and no pictures."))
     if summary.points:
         parts += [
             heading("Grid: mean braking distance, m, and share of unfinished stops", "-"),
@@ -86,7 +89,7 @@ def campaign_table(summary: CampaignSummary) -> str:
 
 
 def replay_text(replayed: Replay) -> str:
-    """Return the report of a repeated run of a campaign."""
+    """Return the report on one run of a campaign that was simulated again."""
     rows = [("Sampled", ", ".join(f"{name} {fixed(value)}" for name, value in replayed.values.items()) or "nothing")]
     known = "bit for bit equal to the stored row" if replayed.stored else "the folder does not contain this run yet"
     rows.append(("Compared", known))
@@ -99,7 +102,7 @@ def replay_text(replayed: Replay) -> str:
 
 
 def replay_json(replayed: Replay) -> dict[str, Any]:
-    """Return a repeated run as JSON, unrounded."""
+    """Return one run that was simulated again as JSON, with unrounded numbers."""
     runs = {
         name: {"outcome": run.outcome.value, **{measure.name: plain(measure.of(run)) for measure in COLUMNS}}
         for name, run in replayed.runs.items()
@@ -108,7 +111,7 @@ def replay_json(replayed: Replay) -> dict[str, Any]:
 
 
 def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
-    """Return a campaign as JSON, unrounded; ends of unbounded intervals are null."""
+    """Return a campaign as JSON, with unrounded numbers; an end of an interval is null if it is unbounded."""
     pair_names = {"mean_difference": "difference", "share_second_smaller": "second_smaller"}
     named = {"hash": "fingerprint", "scenario": "scenario.name", "runs_asked": "runs"}
     return {
@@ -258,7 +261,7 @@ def _paired_table(summary: CampaignSummary) -> RenderableType:
 
 
 def _worst(summary: CampaignSummary) -> list[RenderableType]:
-    """Return the numbers of runs that did not stop, and a table of the worst runs that stopped."""
+    """Return a list of runs that did not stop, by run number, and a table of the worst runs that stopped."""
     heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     rows = [
         (c.name, str(row["run"]), _shown(measure, row[measure.name]), *(fixed(row[name]) for name in heads))

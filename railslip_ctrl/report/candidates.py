@@ -1,6 +1,7 @@
-"""Candidates of a design report, and their order.
+"""Candidates of a design report: they are judged, run in stops, and sorted.
 
-A candidate is judged by its margins, then by the nominal stops and, if it can still be the best, by the harder stops.
+First the margins of a candidate are judged. If they qualify, nominal stops are simulated. If the candidate can then
+still be the best, harder stops are simulated, with errors or on a changing rail.
 """
 
 from __future__ import annotations
@@ -37,19 +38,23 @@ TIE = 0.02
 PREFERENCES = ("distance", "robustness")
 
 NOT_RUN = "not run in the harder stops"
-"""Reason given for a candidate that did not run the harder stops: others are better in the nominal stops."""
+"""Reason given for a candidate that did not run the harder stops, because others are better in the nominal stops."""
 
 NEARLY_UNSTABLE = 50.0
 """Largest worst Ms with tolerances of a candidate that qualifies, a ratio.
 
-|1 + L| is then at least 1/50. Therefore an error of 2 % in the loop gain, as from a worn wheel, makes no loop unstable.
+|1 + L| is then at least 1/50. Therefore no loop becomes unstable by an error of 1.9 % in its gain, which a worn wheel
+may cause.
 """
 
 FASTER = (0.75, 0.5, 0.25)
-"""Factors on dead time and lag of the faster brakes that are tried if no candidate qualifies."""
+"""Factors on dead time and lag: if no candidate qualifies, brakes that are faster by these factors are tried."""
 
 HELD_SHARE = 0.75
-"""Factor on the envelope's reference slip for untuned controllers: below the peak, as in most tuned designs."""
+"""Controllers that are not tuned track the envelope's reference slip times this factor.
+
+This slip is below the adhesion peak, as in most tuned designs.
+"""
 
 MOST_LINEAR = 3  # number of linear designs that run in stops; the most robust one may not have the shortest stop
 
@@ -60,9 +65,10 @@ _COMPLETE = 2  # number of qualified candidates that run the harder stops: the b
 _NEAR = 0.1  # relative difference of nominal mean stops, or of worst Ms, that the harder stops may reverse
 
 Beside = Callable[..., Callable[[], Any]]
-"""Function that starts another function with its arguments in a second process, and returns a function.
+"""Function that takes another function and its arguments, starts it in a second process, and returns a third function.
 
-A call of the returned function waits for the result and returns it. Without a second process this call computes it.
+A call of the third function waits for the result and returns it. If there is no second process, the third function
+computes the result itself.
 """
 
 
@@ -70,10 +76,14 @@ A call of the returned function waits for the result and returns it. Without a s
 class Trial:
     """A candidate with its results in the stops of the report.
 
-    - above_kmh: speed, km/h, above which the candidate qualifies; None, with the `reason`, if it does not qualify.
-    - lowest_kmh: lowest speed, km/h, that counts for the worst Ms.
+    A candidate qualifies if it is robust above its hand-over speed (Ms at most 2, with tolerances at most
+    `NEARLY_UNSTABLE`), no wheel locks above this speed, and every run stops.
+
+    - above_kmh: speed, km/h, above which the candidate qualifies. If it does not qualify, this is None, and `reason`
+      says why.
+    - lowest_kmh: `worst_ms` ignores speeds below this one, km/h.
     - stops: nominal stops.
-    - harder: stops with errors and on a changing rail; empty if the candidate cannot be the best.
+    - harder: stops with errors, and stops on a changing rail; empty if the candidate cannot be the best.
     """
 
     choice: StructureChoice
@@ -87,11 +97,11 @@ class Trial:
 
     @property
     def judgement(self) -> Judgement | None:
-        """Judgement of the candidate's design; None for a controller without margins."""
+        """Judgement of the candidate over the envelope; None if the controller has no margins."""
         return None if self.choice.design is None else self.choice.design.judgement
 
     def distance(self) -> float:
-        """Mean braking distance over all stops and seeds, m; inf if a run does not stop."""
+        """Mean braking distance of all runs in nominal and harder stops, m; inf if a run does not stop."""
         return _mean(stopping_distance(run) for stop in (*self.stops, *self.harder) for run in stop.runs)
 
     def distance_as_given(self) -> float:
@@ -100,7 +110,7 @@ class Trial:
 
     @property
     def air(self) -> float:
-        """Mean air consumption: sum of all rises of the brake torque in a stop over the full brake torque, a ratio."""
+        """Mean air consumption, a ratio: sum of all rises of the torque in a stop, divided by the full brake torque."""
         return _mean(stop.air for stop in (*self.stops, *self.harder))
 
     @property
@@ -110,9 +120,9 @@ class Trial:
 
     @cached_property
     def worst_ms(self) -> float:
-        """Worst Ms over the speeds in use, with tolerances; without them if only operating points are judged.
+        """Worst Ms at speeds of at least `lowest_kmh` and the hand-over speed; inf if a loop is unstable there.
 
-        inf if a loop is unstable or the controller has no margins.
+        It includes the tolerances, unless only operating points are judged. It is inf for a controller without margins.
         """
         if self.judgement is None:
             return math.inf
@@ -129,9 +139,10 @@ def _mean(values: Iterable[float]) -> float:
 def ordered(trials: Sequence[Trial], prefer: str = "distance") -> list[Trial]:
     """Sort the trials, the best first.
 
-    Candidates that qualify come first, sorted by mean stop. Those within `TIE` of the shortest are sorted by worst Ms,
-    then by air consumption. If `prefer` is "robustness", mean stop and worst Ms are exchanged. The other candidates
-    follow, sorted by the number of nominal stops with a locked wheel, then by the mean nominal stop.
+    Candidates that qualify come first, sorted by mean braking distance. Distances within `TIE` of the shortest count as
+    equal: these candidates are sorted by worst Ms, then by air consumption. If `prefer` is "robustness", distance and
+    worst Ms change places in these rules. Candidates that do not qualify follow, sorted by the number of nominal stops
+    with a locked wheel, then by mean distance of the nominal stops.
     """
     first, second = (Trial.distance, _worst) if prefer == "distance" else (_worst, Trial.distance)
     good = sorted((trial for trial in trials if trial.above_kmh is not None), key=first)
@@ -156,19 +167,20 @@ def _as_given(trial: Trial) -> tuple[bool, int, float]:
 
 @dataclass(frozen=True)
 class Remedy:
-    """Smallest improvement of the brake with which a controller qualifies, and the trial of this controller."""
+    """Slowest of the faster brakes with which a controller qualifies, and the trial of this controller with it."""
 
     description: str
     trial: Trial
 
 
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
-    """Run the harder stops for trials that can be the best, and sort all trials, the best first.
+    """Simulate the harder stops with the candidates that can be the best, and sort all trials, the best first.
 
-    Trials run the harder stops in the order of their mean nominal stop (`prefer` "robustness": worst Ms) until
-    `_COMPLETE` trials qualify; then trials within `_NEAR` of the first trial also run these stops. If no trial
-    qualifies, the least bad trial and slide protection run these stops. If `nominal`, no trial runs them. `submit`
-    starts functions in a second process.
+    The harder stops are simulated first with the candidate that has the shortest nominal stops (or, if `prefer` is
+    "robustness", the smallest worst Ms), then with the next one, until two candidates qualify. After that, a candidate
+    is tried only if its distance (or Ms) is at most 10 % above that of the first candidate that qualified. If none
+    qualifies, the harder stops are simulated with the least bad candidate and with slide protection. If `nominal`, they
+    are not simulated. `submit` starts a function in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)
@@ -201,7 +213,7 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
 
 
 def _completed(trial: Trial, envelope: Envelope) -> Trial:
-    """Run the harder stops; if the trial then does not qualify, try higher hand-over speeds."""
+    """Simulate the harder stops; if the candidate then does not qualify, try higher hand-over speeds."""
     result = _with_harder(trial, envelope)
     if result.above_kmh is not None:
         return result
@@ -211,7 +223,7 @@ def _completed(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
-    """Run the nominal stops of a trial that has none, and update the reasons why it does not qualify."""
+    """Add the nominal stops to a trial without them, and update the reasons why it does not qualify."""
     if trial.stops:
         return trial
     judgement = trial.judgement or unjudged(envelope)
@@ -219,7 +231,7 @@ def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
-    """Run the harder stops of a trial that has none, and update the reasons why it does not qualify."""
+    """Add the harder stops to a trial without them, and update the reasons why it does not qualify."""
     if trial.harder:
         return trial
     judgement = trial.judgement or unjudged(envelope)
@@ -227,16 +239,17 @@ def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def named(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the controllers of the package that need no tuning for a vehicle."""
+    """Names of the package's controllers that can run on this vehicle without tuning."""
     own = ("asmc", "scheduled") if is_published(vehicle) and not is_tuned_when_asked("scheduled", vehicle) else ()
     return (*BY_RULE, *own)
 
 
 def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Trial | None:
-    """Trial of a controller of the package by name; None if it has no parameters for the vehicle.
+    """Trial of the package's controller `name`; None if this controller has no parameters for the vehicle.
 
-    A controller with margins is judged at the slips of the envelope, or at those that it finds itself. If `hard`, it
-    also runs the harder stops. If it does not qualify and has a fade speed, higher hand-over speeds are tried.
+    A controller with a reference slip tracks `HELD_SHARE` of the envelope's reference slip. A seeking controller is
+    judged at the slips that it finds. If `hard`, harder stops are simulated too. If the controller does not qualify and
+    has a fade speed, higher hand-over speeds are tried.
     """
     try:
         control = controller_named(name, envelope.vehicle)
@@ -265,9 +278,10 @@ def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Tria
 
 
 def _handed_over_later(control: Any, envelope: Envelope, judged: Judgement | None) -> Iterator[Controller]:
-    """Copies of a controller with higher hand-over speeds: speeds of the envelope, up to `_LATEST` of the highest.
+    """Copies of a controller with higher hand-over speeds, at most half the highest speed of the envelope.
 
-    Only speeds at which the controller is robust are used. The fade speed increases in the same ratio.
+    The new hand-over speeds are speeds of the envelope above which the controller is robust. The fade speed is raised
+    by the same factor as the hand-over speed.
     """
     robust = None if judged is None else judged.robust_from_kmh
     for speed in sorted(envelope.speeds):
@@ -287,9 +301,10 @@ def _judged(name: str, control: Controller, envelope: Envelope, nominal: bool, h
 def _trial(
     choice: StructureChoice, control: Controller, judgement: Judgement, robust: float | None, hard: bool
 ) -> Trial:
-    """Trial of a controller that is robust from the speed `robust`, km/h, up; None: not robust at the highest speed.
+    """Trial of a controller whose margins are robust above the speed `robust`, km/h.
 
-    If its margins qualify, it runs the nominal stops. If it still qualifies and `hard`, it runs the harder stops.
+    `robust` is None if the margins are not robust at the highest speed, and 0 for a controller without margins.
+    If its margins qualify, nominal stops are simulated. If it then still qualifies and `hard`, harder stops follow.
     """
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0 if judgement.controller else 0.0
     result = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
@@ -325,10 +340,10 @@ def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
 
 
 def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
-    """Trial of a tuned linear design; if `nominal`, without tolerances; if `hard`, with the harder stops.
+    """Trial of a tuned linear design, with the lowest hand-over speed that makes it qualify.
 
-    The hand-over speed is the lowest one above which the design is robust and no wheel locks, at most `_LATEST` of the
-    highest speed.
+    Above this speed the design is robust and no wheel locks. It is at most half the highest speed of the envelope. If
+    `nominal`, tolerances are ignored. If `hard`, harder stops are simulated too.
     """
     assert choice.design is not None, "only choices with a design are tried"
     design, judgement = choice.design, choice.design.judgement
@@ -355,9 +370,10 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
 
 
 def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
-    """First of the `FASTER` brakes with which an untuned controller qualifies; the least bad controller is tried first.
+    """Find the slowest of the faster brakes (`FASTER`) with which a controller qualifies; None if there is none.
 
-    Tuning and trials have already tried smaller slips and higher hand-over speeds.
+    Only controllers whose parameters are computed from the vehicle alone are tried, the least bad first. Smaller slips
+    and higher hand-over speeds are not tried, because they have already failed with the given brake.
     """
     names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
     old = envelope.vehicle.actuator
@@ -372,12 +388,12 @@ def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Rem
 
 
 def unjudged(envelope: Envelope) -> Judgement:
-    """Judgement without a controller, which holds only the operating points of an envelope."""
+    """Judgement that contains only the operating points of an envelope, without controller and margins."""
     return Judgement(None, envelope, True, envelope.points(nominal=True), None)  # type: ignore[arg-type]
 
 
 def no_margins(controller: Any) -> str:
-    """Reason why a controller has no stability margins; empty if it has margins."""
+    """Text that says why a controller has no stability margins; empty if it has them."""
     thing = controller.thing.thing if isinstance(controller, StepControl) else controller
     if isinstance(thing, Controller):
         own = type(thing)

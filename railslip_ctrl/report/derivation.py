@@ -1,4 +1,4 @@
-"""Derivation of a sliding-mode law, and errata, as text, Markdown, LaTeX and JSON."""
+"""Derivation of a sliding-mode law, and errata of [Park2008], as text, Markdown, LaTeX and JSON."""
 
 from __future__ import annotations
 
@@ -40,7 +40,12 @@ def derivation_json(
     code: LawCode | None = None,
     numbers: Sequence[LawNumbers] = (),
 ) -> dict[str, Any]:
-    """Return a derivation as JSON: steps with method and check, law, its `numbers` by rail, its `code`, `errata`."""
+    """Return a derivation as JSON: steps with method and check, and the law.
+
+    - errata: printed formulas of [Park2008] compared with the derived ones.
+    - code: the law as Python and C code.
+    - numbers: values of the law's parameters for each rail.
+    """
     formulas = [None if rows.torque is None else f"T_b = {latex(rows.torque)}" for rows in numbers]
     of_rails = {
         rows.rail.value: {"parameters": dict(rows.parameters), "latex": formula}
@@ -110,7 +115,7 @@ def _mark(checked: bool) -> str:
 def derivation_text(
     derivation: Derivation | PredictiveDerivation, errata: Sequence[Erratum] = (), numbers: Sequence[LawNumbers] = ()
 ) -> str:
-    """Return a derivation as plain text."""
+    """Return a derivation as plain text; `errata` and `numbers` are as in `derivation_json`."""
     parts: list[RenderableType] = [
         heading(_title(derivation)),
         Text(f"railslip_ctrl {__version__}; {_case(derivation)}; {_outcome(derivation)}.\n"),
@@ -144,7 +149,7 @@ def derivation_text(
 
 
 def _sources(derivation: Derivation | PredictiveDerivation) -> list[str]:
-    """Return the sources that the steps cite."""
+    """Return a line of bibliography for each source that the steps cite."""
     return [
         f"[{key}] {text}"
         for key, text in SOURCES.items()
@@ -169,10 +174,10 @@ def derivation_document(
     code: LawCode | None = None,
     numbers: Sequence[LawNumbers] = (),
 ) -> str:
-    """Return a derivation as "markdown" with LaTeX formulas, or as a "latex" document.
+    """Return a derivation as a document: `form` "markdown" with LaTeX formulas, or "latex".
 
-    The LaTeX document needs the packages amsmath, geometry, graphicx and listings. Formulas that are too wide are
-    scaled down.
+    The LaTeX document needs the packages amsmath, geometry, graphicx and listings, and reduces formulas that are too
+    wide. `errata`, `code` and `numbers` are as in `derivation_json`.
     """
     template, escapes = {"markdown": ("derivation.md", _MARKDOWN), "latex": ("derivation.tex", _LATEX)}[form]
     # delimiters without braces, because LaTeX uses braces

@@ -1,4 +1,4 @@
-"""Files of a design: controller as TOML, Python script that makes the controller, and page of its report."""
+"""Files that the page of `railslip design` saves: the controller (TOML), a Python script that makes it, its report."""
 
 from __future__ import annotations
 
@@ -22,18 +22,21 @@ from .recommendation import design_report
 
 
 def toml_text(envelope: Envelope, control: Controller) -> str:
-    """Return the controller as a TOML file, for --controller of every command."""
+    """Return the controller as TOML text; option --controller of every command reads this file."""
     return control.toml
 
 
 def script_text(envelope: Envelope, control: Controller) -> str:
     """Return a Python script that makes envelope and controller, judges the controller, runs a stop, and saves it.
 
-    InputError for a user's own controller class or adhesion law, because the script does not load files.
+    InputError: the controller's class or an adhesion law comes from a file of the user, which the script cannot load.
     """
     kind = type(control)
     if python_file(kind) is not None or any(isinstance(law, AdhesionLaw) for law in envelope.laws):
-        raise InputError("script: cannot contain your own controller or adhesion law; save controller.toml instead")
+        raise InputError(
+            "script: a Python script with your own controller class or adhesion law is not supported; save "
+            "controller.toml instead"
+        )
     given = {**control.file_keys(), "name": control.label, "reference": control.reference}
     fields = type(envelope).model_fields
     changed = {n: getattr(envelope, n) for n in fields if n != "vehicle" and getattr(envelope, n) != fields[n].default}
@@ -60,7 +63,7 @@ def _shown(values: Mapping[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Convert a value to built-in Python types."""
+    """Convert a value to Python's built-in types."""
     if isinstance(value, Record | Mapping):
         return {name: _plain(entry) for name, entry in dict(value).items() if entry is not None}
     if isinstance(value, tuple | list):
@@ -71,7 +74,7 @@ def _plain(value: Any) -> Any:
 
 
 def report_text(envelope: Envelope, control: Controller) -> str:
-    """Return the page of `railslip report`, which also judges this controller."""
+    """Compute the design report of the envelope with this controller, and return it as an HTML page."""
     check_extra("html", "report")
     report = design_report(envelope, given={control.label: control}, sliding=False)
     pictures = Pictures()
@@ -83,4 +86,4 @@ def report_text(envelope: Envelope, control: Controller) -> str:
 FILES: Mapping[str, Callable[[Envelope, Controller], str]] = MappingProxyType(
     {"controller.toml": toml_text, "design.py": script_text, "report.html": report_text}
 )
-"""Functions that return the content of a file as text, by file name."""
+"""For each file name, the function that returns the content of the file as text."""

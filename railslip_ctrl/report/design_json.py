@@ -1,4 +1,4 @@
-"""Design report of a vehicle as JSON."""
+"""JSON form of the design report of a vehicle."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .export import exported, plain
 
 
 def _gains_json(choice: StructureChoice) -> dict[str, float | None]:
-    """Gains kp and ki of a candidate, SI; null if it has none."""
+    """Gains kp and ki of a candidate, SI; null if the candidate is not a PI or PI-lead."""
     own = None if choice.design is None else choice.design.controller
     return {"kp_si": own.kp, "ki_si": own.ki} if isinstance(own, PI) else {"kp_si": None, "ki_si": None}
 
@@ -87,7 +87,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
 
 
 def _trial_json(trial: Trial) -> dict[str, Any]:
-    """Numbers of a candidate that decide its rank."""
+    """Numbers of a candidate by which candidates are sorted."""
     return {
         **exported(trial.choice, "structure", "reference_factor"),
         "usable_from_kmh": used_from(trial),
@@ -121,16 +121,16 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
 
 
 def _from_speeds(judgement: Judgement | None, ran: DesignReport | Trial | Rival | None) -> dict[str, Any]:
-    """Verdict, and the speeds, km/h, above which a controller is stable, robust, and usable.
+    """Verdict on a controller, and the speeds, km/h, above which it is stable, robust, and usable.
 
-    Usable means that it qualifies and controls slip.
+    A controller is usable at speeds at which it qualifies and controls slip. `ran` has the results of its stops.
     """
     named = {"stable_from_kmh": "usable_from_kmh"}
     return {**exported(judgement, "verdict", "robust_from_kmh", **named), "usable_from_kmh": used_from(ran)}
 
 
 def _stop_json(stop: Stop) -> dict[str, Any]:
-    """Results of a stop: results of the longest run, and distances and highest slips of all seeds."""
+    """Results of a stop: all numbers of the longest run, and distance and highest slip of the run with each seed."""
     of_stop = {"adhesion": "law", "held_slip": "settled_slip", "errors": "errors"}
     of_reference = {"reference_slip": "reference", "reference_reached": "reached"}
     of_run = {"braking_time_s": "braking_time", "braking_distance_m": "braking_distance"}

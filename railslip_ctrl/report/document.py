@@ -1,6 +1,6 @@
-"""Blocks of reports (facts, tables, paragraphs, pictures, sections), and formatting of numbers.
+"""Parts of reports (facts, tables, paragraphs, pictures, sections), and formatting of numbers.
 
-Text and HTML use the same blocks: `render` formats them with rich, `page` with an HTML template.
+Reports in text and in HTML consist of the same parts: `render` formats them with rich, `page` with an HTML template.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _width: ContextVar[int] = ContextVar("width", default=WIDTH)
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Paragraph of text."""
+    """One paragraph of a report."""
 
     text: str
     kind: ClassVar[str] = "paragraph"
@@ -57,7 +57,7 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and values in two columns."""
+    """List of names and values, in two columns without a head."""
 
     rows: Sequence[tuple[str, str]]
     kind: ClassVar[str] = "facts"
@@ -75,10 +75,12 @@ class Facts:
 class Table:
     """Table with a line below its head.
 
-    In text the first `left` columns and those with an index in `text_columns` are aligned left, others right. Cells of
-    the first `whole` columns are never wrapped. Columns that do not fit follow in another table below with the
-    first `left` columns. On a page columns of numbers are aligned right, `caption` is above the table, and `wide`
-    selects smaller letters.
+    - left: number of leading columns that are aligned left in text. If the table is too wide for the report, it is
+      divided, and each part begins with these columns.
+    - whole: number of leading columns whose cells are never wrapped in text.
+    - text_columns: indices of further columns that are aligned left in text; all others are aligned right.
+    - caption: shown above the table in HTML, not in text.
+    - wide: if true, HTML uses smaller letters. HTML aligns a column right if it has only numbers.
     """
 
     head: Sequence[str]
@@ -93,13 +95,13 @@ class Table:
 
     @property
     def numeric(self) -> tuple[bool, ...]:
-        """True for each column that has only numbers."""
+        """For each column, true if all its cells are numbers."""
         columns = zip(*self.rows, strict=True)
         return tuple(all(_NUMBER.fullmatch(cell) for cell in column) for column in columns)
 
     @property
     def short(self) -> bool:
-        """True if the table is not divided between pages."""
+        """True if the table is so short that print does not divide it between two pages."""
         return len(self.rows) <= _SHORT
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
@@ -126,7 +128,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """Picture with caption; `name` is the name of its drawing, `alt` describes the picture in words."""
+    """Picture with a caption; `name` is the key of its drawing, and `alt` describes it in words for a screen reader."""
 
     name: str
     caption: str
@@ -136,7 +138,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Details:
-    """Block that can be opened on a page: title, verdict in a few words, and blocks inside."""
+    """Part that HTML hides until the reader opens it: title, verdict in a few words, and the hidden blocks."""
 
     title: str
     verdict: str
@@ -154,7 +156,7 @@ Block = Paragraph | Facts | Table | Picture | Details
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a report; `anchor` is its target in the table of contents."""
+    """Section of a report; links of the table of contents use `anchor`."""
 
     anchor: str
     title: str
@@ -166,10 +168,10 @@ class FirstPage:
     """First page of a report, which can be read in a minute.
 
     - headline: result in a few words.
-    - subject: object of the result, such as the recommended controller.
-    - file: name of the file with the result as data; empty if there is none.
-    - lines: headings with their texts.
-    - head, rows: table of quantities, numbers and cases.
+    - subject: the object to which the headline refers, such as the recommended controller.
+    - file: name of the file that contains this object, such as a controller file; empty if there is none.
+    - lines: pairs of a heading and its text.
+    - head, rows: head and rows of the table of main numbers.
     """
 
     title: str
@@ -187,7 +189,7 @@ class FirstPage:
 
 @contextmanager
 def columns(number: int) -> Iterator[None]:
-    """Set the width of reports inside the `with` block to `number` characters, for a terminal narrower than `WIDTH`."""
+    """Inside the `with` block, make reports `number` characters wide, for a terminal narrower than `WIDTH`."""
     before = _width.set(number)
     try:
         yield
@@ -196,12 +198,12 @@ def columns(number: int) -> Iterator[None]:
 
 
 def width() -> int:
-    """Return the present width of reports, characters per line."""
+    """Return the width of reports at present, in characters per line."""
     return _width.get()
 
 
 def render(parts: Iterable[RenderableType]) -> str:
-    """Render facts, tables and strings as text."""
+    """Return facts, tables, strings and other parts as text."""
     stream = io.StringIO()
     console = Console(file=stream, width=_width.get(), color_system=None, highlight=False, markup=False, emoji=False)
     for part in parts:
@@ -218,18 +220,18 @@ def heading(text: str, mark: str = "=") -> Text:
 
 
 def counted(number: int, what: str) -> str:
-    """Return a number with the noun `what`, such as "1 run" or "2 runs"."""
+    """Return a number followed by the noun `what`, such as "1 run" or "2 runs"."""
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def listed(items: Iterable[str]) -> str:
-    """Join items with commas and "and"; "none" without items."""
+    """Join items with commas and "and"; return "none" if there are no items."""
     every = list(items)
     return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} and {every[-1]}" if every else "none"
 
 
 def fixed(value: float, digits: int = 5) -> str:
-    """Format a number with `digits` significant digits, without trailing zeros; "unbounded" for inf, "-" for NaN."""
+    """Format a number with `digits` significant digits, without trailing zeros; inf is "unbounded", NaN is "-"."""
     if math.isnan(value):
         return "-"
     if math.isinf(value):
@@ -238,7 +240,10 @@ def fixed(value: float, digits: int = 5) -> str:
 
 
 def short(value: float, digits: int = 4) -> str:
-    """Format a number with `digits` significant digits and a minus sign; powers of ten replace many zeros."""
+    """Format a number with `digits` significant digits and a true minus sign.
+
+    A very large or very small number is written with a power of ten. inf is "∞", NaN is a dash.
+    """
     if not math.isfinite(value):
         return "∞" if value > 0 else NONE
     nearest = rounded(value, digits)
@@ -257,7 +262,7 @@ def below(value: float, digits: int = BOUND_DIGITS) -> str:
 
 
 def ms_text(ms: float) -> str:
-    """Format a worst Ms: "unstable" for inf, NONE for NaN."""
+    """Format a worst Ms; inf is "unstable", and NaN is a dash (`NONE`)."""
     return "unstable" if ms == math.inf else NONE if math.isnan(ms) else ms_up(ms)
 
 
@@ -267,7 +272,7 @@ def minus(text: str) -> str:
 
 
 def roots_text(values: Iterable[complex]) -> str:
-    """Format poles or zeros, one for each conjugate pair, separated by commas; "none" if there are none."""
+    """Format poles or zeros, separated by commas, with one text for a conjugate pair; "none" if there are none."""
 
     def root_text(value: complex) -> str:
         return f"{value.real:.5g}" if value.imag == 0 else f"{value.real:.5g} ± {abs(value.imag):.5g}j"
@@ -276,7 +281,7 @@ def roots_text(values: Iterable[complex]) -> str:
 
 
 def margin_cells(margins: Margins | None) -> tuple[str, ...]:
-    """Return the cells for the columns `MARGIN_HEAD`; dashes for an unstable loop."""
+    """Return the table cells of the margins in the columns `MARGIN_HEAD`; all are dashes if the loop is unstable."""
     if margins is None:
         return (NONE,) * len(MARGIN_HEAD)
     values = (margins.gain_decrease, margins.gain_increase, margins.phase_deg, margins.delay_s, margins.ms, margins.mt)

@@ -1,4 +1,4 @@
-"""JSON of results, source of an adhesion law, all-or-nothing writing of files, and software versions."""
+"""Results as JSON, the source of an adhesion law, writing of files (all or none), and software versions."""
 
 from __future__ import annotations
 
@@ -75,17 +75,15 @@ def plain(value: Any) -> Any:
 
 
 def json_text(content: Mapping[str, Any], *, ensure_ascii: bool = True) -> str:
-    """Return JSON text for files, or for printing; ValueError for a number that is not finite."""
+    """Return `content` as indented JSON text; ValueError if it contains a number that is not finite."""
     return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=ensure_ascii) + "\n"
 
 
 def exported(record: Any, *same: str, **named: str) -> dict[str, Any]:
-    """Return attributes of a record as JSON.
+    """Return some attributes of a record as JSON; if the record is None, all values are null.
 
-    - same: attributes whose JSON key is their name.
-    - named: path of an attribute, such as "vehicle.mass", by JSON key.
-
-    If the record is None, all values are null.
+    - same: names of attributes; the name is also the JSON key.
+    - named: further attributes by path, with another JSON key, such as mass_kg="vehicle.mass".
     """
     paths = {name: name for name in same} | named
     return {name: None if record is None else plain(attrgetter(path)(record)) for name, path in paths.items()}
@@ -98,7 +96,7 @@ def case_json(point: OperatingPoint) -> dict[str, Any]:
 
 
 def _context_json(point: OperatingPoint) -> dict[str, Any]:
-    """Return the law's parameters, v0, vehicle, wheel load and assumptions of an operating point."""
+    """Return the circumstances of an operating point as JSON: adhesion law, v0, vehicle, wheel load, assumptions."""
     return {
         "adhesion_law": law_json(point.law, source_at(point)),
         **exported(point, "initial_speed_kmh", vehicle="vehicle.name", wheel_load_n="vehicle.wheel_load"),
@@ -107,7 +105,7 @@ def _context_json(point: OperatingPoint) -> dict[str, Any]:
 
 
 def law_json(law: AdhesionLaw, source: str) -> dict[str, Any]:
-    """Return an adhesion law as JSON: name, source, rail of its parameters, and values in SI with units."""
+    """Return an adhesion law as JSON: name, source, rail, and each parameter with its SI value and unit."""
     parameters = {name: {"value": plain(value), "unit": unit} for name, (value, unit) in law.numbers().items()}
     return {"name": law.name, "source": source, "rail": law.rail.value, "parameters": parameters}
 
@@ -138,7 +136,7 @@ def margin_frequencies(margins: Margins | None) -> dict[str, Any] | None:
 
 
 def margins_json(assessment: Assessment, certificate: Certificate | None = None) -> dict[str, Any]:
-    """Return the margins of a loop as JSON, with its certificate if there is one; an unstable loop has null margins."""
+    """Return the margins of a loop as JSON, null if it is unstable, and its certificate if there is one."""
     unstable = assessment.unstable_poles
     content = {
         **case_json(assessment.point),
@@ -191,7 +189,10 @@ def _crossovers(assessment: Assessment) -> Any:
 
 
 def _certificate_json(certificate: Certificate) -> dict[str, Any]:
-    """Return each certified margin as [lowest, highest]; null for an unbounded end or for an unstable loop."""
+    """Return a certificate as JSON: each margin is [lowest, highest] with null for an unbounded end.
+
+    If the loop is unstable, null replaces the pair.
+    """
     pairs = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
     ends = {name: None if pair is None else [number(end) for end in pair] for name, pair in pairs.items()}
     if ends["gain_decrease"] is not None:
@@ -204,7 +205,7 @@ def _certificate_json(certificate: Certificate) -> dict[str, Any]:
 
 
 def _limits_json(assessment: Assessment) -> dict[str, Any]:
-    """Return the bounds for any controller, a PI and a PI-lead as JSON; null if a bound's theorem does not apply."""
+    """Return the limits for any controller, for a PI and for a PI-lead as JSON; a limit that is not known is null."""
     limits = assessment.limits
     names = {"unstable_pole_rad_s": "unstable_pole", "pole_times_dead_time_and_lag": "actuator_product"}
     content = exported(limits, **names, mt_lower_bound="mt_bound", ms_lower_bound="ms_bound")
@@ -218,14 +219,17 @@ def _limits_json(assessment: Assessment) -> dict[str, Any]:
 
 
 def law_text(law: AdhesionLaw, source: str) -> str:
-    """Return the name of an adhesion law, with its source if it is not published: "beam as given (model.toml)"."""
+    """Return the name of an adhesion law; unless the law is a published one, its source follows.
+
+    An example is "beam as given (model.toml)".
+    """
     if source == PUBLISHED:
         return law.name
     return f"{law.name} as given" + ("" if source == GIVEN else f" ({source})")
 
 
 def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
-    """Return the file of an adhesion law; without a file, PUBLISHED if it equals `published()`, otherwise GIVEN."""
+    """Return the source of an adhesion law: its file; or "published" if the law equals `published()`; or "given"."""
     if law.file is not None:
         return law.file
     try:
@@ -236,13 +240,16 @@ def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
 
 
 def source_at(point: OperatingPoint) -> str:
-    """Return the source of a point's adhesion law, by comparison with the published law for its rail, v0 and load."""
+    """Return the source of the adhesion law of an operating point.
+
+    The law is compared with the published law of this name for the rail, v0 and wheel load of the point.
+    """
     v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
     return source_of(point.law, lambda: published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load))
 
 
 def law_text_at(point: OperatingPoint) -> str:
-    """Return the name of a point's adhesion law with its source."""
+    """Return the name of the adhesion law of an operating point, with its source as in `law_text`."""
     return law_text(point.law, source_at(point))
 
 
@@ -250,7 +257,7 @@ def law_text_at(point: OperatingPoint) -> str:
 
 
 def check_directory(directory: Path, names: Iterable[str]) -> None:
-    """Raise InputError if `names` could not be written into `directory`, which need not exist yet."""
+    """Raise InputError if files `names` could not be written into `directory`, which need not exist yet."""
     if str(directory) in ("", "."):
         raise InputError(
             "--out: the working folder is not allowed, because files in it could be overwritten; give another folder"
@@ -267,7 +274,10 @@ def check_directory(directory: Path, names: Iterable[str]) -> None:
 
 
 def _is_writable(directory: Path) -> bool:
-    """True if a trial creates a folder in a directory; access rights alone do not show this, for example in /proc."""
+    """True if a folder can be created in a directory.
+
+    The function creates one, because access rights alone do not show this, for example in /proc.
+    """
     try:
         with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=directory):
             return True
@@ -276,7 +286,10 @@ def _is_writable(directory: Path) -> bool:
 
 
 def check_file(path: Path, option: str) -> None:
-    """Raise InputError, naming the option, if a file could not be written at `path`; its folder must exist."""
+    """Raise InputError if a file could not be written at `path`; the folder of the file must exist.
+
+    - option: command-line option that the error message names.
+    """
     if path.is_dir() or not path.name:
         raise InputError(f"{option}: {str(path)!r} is a folder; give a file name")
     if path.exists() and not path.is_file():  # writing would replace a device or pipe
@@ -290,10 +303,11 @@ FileContent = str | bytes | Callable[[Path], object]
 
 
 def write_files(directory: Path, files: Mapping[str, FileContent], *, option: str = "--out") -> list[Path]:
-    """Write all `files` into `directory`, which is created if missing, or write no file; return the files' paths.
+    """Write all `files` into `directory`, or none of them if one fails; return their paths.
 
-    - files: contents by file name.
-    - option: command-line option that begins the message of an InputError.
+    - directory: created if it does not exist.
+    - files: content of each file by file name.
+    - option: command-line option that the message of an InputError names.
 
     InputError: the directory cannot be created or written to; existing files are then unchanged.
     """
@@ -316,6 +330,6 @@ def write_files(directory: Path, files: Mapping[str, FileContent], *, option: st
 
 
 def software() -> dict[str, str]:
-    """Return the versions of this package, of Python, and of the libraries used, by name."""
+    """Return the version of this package, of Python, and of each library that it uses, by name."""
     own = {"railslip_ctrl": __version__, "Python": platform.python_version()}
     return own | {shown: version(name) for name, shown in _PACKAGES.items()}

@@ -1,4 +1,4 @@
-"""Results of `railslip identify`: text, file of the adhesion law, JSON, and CSV of the observed adhesion."""
+"""Results of `railslip identify`: report as text and JSON, TOML file of the adhesion law, CSV of observed adhesion."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ from .export import exported, number, plain
 
 
 def identification_text(result: Identification) -> str:
-    """Return the report of one log as text."""
+    """Return the report on one log as text."""
     return render(_log_parts(result))
 
 
 def series_text(result: LogSeries) -> str:
-    """Return the report of several logs as text: each log, then the parameters over the initial speed."""
+    """Return the report on several logs as text: each log, then the parameters as polynomials in initial speed."""
     parts = [part for each in result.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
     parts += [Text(f"Warning: {text}") for text in result.warnings]
@@ -61,7 +61,10 @@ def series_text(result: LogSeries) -> str:
 
 
 def _error_table(result: LogSeries) -> RenderableType:
-    """Return a table of errors in the form of [Park2008] Table 3."""
+    """Return a table of the mean |error of mu|, with a row for each model and a column for each log.
+
+    [Park2008] Table 3 has the same form.
+    """
     errors = [{score.fit.model.name: score.mean_abs_error for score in each.scores} for each in result.logs]
     names = [name for name in errors[0] if all(name in each for each in errors)]
     speeds = (f"{each.setting.initial_speed / KMH:.4g}" for each in result.logs)
@@ -73,7 +76,7 @@ def _pair(value: float, stderr: float) -> str:
 
 
 def _range(value: float, interval: tuple[float, float], digits: int) -> str:
-    """Return a value with its interval; an infinite end is left out."""
+    """Return a value with its interval as text; infinite ends of the interval are left out."""
     text, low, high = (fixed(x, digits) for x in (value, *interval))
     if not math.isfinite(interval[0]):
         return text
@@ -105,7 +108,7 @@ def _log_parts(result: Identification) -> list[RenderableType]:
 
 
 def _load_of(result: Identification) -> str:
-    """Return a remark if the log's wheel load differs from the vehicle's wheel load; else an empty text."""
+    """Return a remark if the wheel load in the log differs from that of the vehicle; otherwise an empty text."""
     own = result.vehicle.wheel_load
     same = math.isclose(result.setting.wheel_load, own, rel_tol=1e-6)
     return "" if same else f" (in the log; the vehicle has {own:g} N)"
@@ -217,7 +220,7 @@ def _peak_warning(result: Identification) -> str:
 
 @checked
 def model_toml(found: Identification) -> str:
-    """Return the chosen adhesion law of a log as TOML text for `--adhesion FILE`.
+    """Return the adhesion law that was chosen for a log as TOML text; option `--adhesion FILE` reads it.
 
     - found: result of `identify`.
 
@@ -240,7 +243,10 @@ def model_toml(found: Identification) -> str:
 
 
 def series_toml(result: LogSeries) -> str | None:
-    """Return the law over the initial speed as TOML text; None for table laws, whose knots differ between logs."""
+    """Return the adhesion law of several logs as TOML text, with parameters that are polynomials in initial speed.
+
+    None for a law given as a table, because its slips differ between the logs.
+    """
     fits, speeds = [each.chosen.fit for each in result.logs], [each.setting.initial_speed for each in result.logs]
     if fits[0].model.name == "table":
         return None
@@ -260,7 +266,7 @@ def series_toml(result: LogSeries) -> str | None:
 
 
 def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
-    """Return lines with the standard errors of a polynomial's coefficients, which are correlated, and of its values."""
+    """Return comment lines on a polynomial: standard errors of its coefficients, and of its values at the speeds."""
     if not all(math.isfinite(x) for x in p.stderrs):
         return (f"{p.name}: standard errors unknown, because the fit of a log has none",)
     values = (f"{p.stderr_at(speed):.3g} at {speed:.4g} km/h" for speed in sorted({*p.speeds_kmh.tolist()}))
@@ -270,7 +276,10 @@ def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
 
 
 def _references(result: LogSeries) -> dict[float, ReferenceSlip]:
-    """Return the reference slips by v0, km/h, the lowest of logs with the same v0; empty if a log has none."""
+    """Return the reference slips by initial speed v0, km/h; empty if any log has no reference slip.
+
+    If several logs have the same v0, their lowest reference slip is used.
+    """
     slips: dict[float, ReferenceSlip] = {}
     for each in result.logs:
         if each.reference is None:
@@ -289,9 +298,9 @@ def law_toml(
     speeds_kmh: tuple[float, float] | None = None,
     comments: Iterable[str] = (),
 ) -> str:
-    """Return the file of an adhesion law as text, with all digits, so that reading it gives the same law.
+    """Return an adhesion law as TOML text; numbers have all digits, so that the file defines exactly the same law.
 
-    - wheel_load: wheel load of the log, N.
+    - wheel_load: wheel load in the log, N.
     - reference: reference slips; None if there are none.
     - speeds_kmh: lowest and highest initial speed of the log, km/h.
     - comments: comment lines at the beginning of the file.
@@ -308,7 +317,7 @@ def law_toml(
 
 
 def _rails_of(law: AdhesionLaw, references: Iterable[ReferenceSlip]) -> tuple[str, ...]:
-    """Return the rails that have a reference slip in a law's file: only wet if the log is from wet rail."""
+    """Return the rails for which a law's file gives a reference slip: only "wet" if the log is from wet rail."""
     wet_alone = law.rail is Rail.WET and all(each.dry == each.wet for each in references)
     return (Rail.WET.value,) if wet_alone else tuple(ReferenceSlip.model_fields)
 
@@ -332,12 +341,12 @@ def polynomials_toml(
     wheel_load: float,
     comments: Iterable[str] = (),
 ) -> str:
-    """Return a law file with parameters over the initial speed as text.
+    """Return an adhesion law as TOML text whose parameters are polynomials in the initial speed v0, km/h.
 
-    - law: adhesion law that gives name and rail condition.
-    - coefficients: coefficients of powers of v0 in km/h by parameter, SI.
-    - speeds_kmh: range of v0, km/h.
-    - references: reference slips by v0 in km/h; may be empty.
+    - law: adhesion law; only its name and its rail condition are used.
+    - coefficients: by parameter name, coefficients of 1, v0, v0^2; the parameter is then in SI.
+    - speeds_kmh: lowest and highest v0, km/h.
+    - references: reference slips by v0, km/h; may be empty.
     - wheel_load, comments: as in `law_toml`.
     """
     lines = _head(law, wheel_load, speeds_kmh, comments)
@@ -363,7 +372,7 @@ def _number(value: Any) -> str:
 
 
 def identification_json(result: Identification) -> dict[str, Any]:
-    """Return the result of one log as JSON: the chosen model, the comparison, the curve, the peaks and the log."""
+    """Return the result of one log as JSON: chosen model, all models compared, adhesion curve, peaks, and the log."""
     fit, curve = result.chosen.fit, result.curve
     return {
         **_errors_json(result.chosen, result.regimes),
@@ -391,9 +400,9 @@ def identification_json(result: Identification) -> dict[str, Any]:
 
 
 def series_json(result: LogSeries) -> dict[str, Any]:
-    """Return the result of several logs as JSON: parameters over the initial speed v0, and each log.
+    """Return the result of several logs as JSON: parameters as polynomials in the initial speed, and each log.
 
-    `value` is the value of a parameter at the mean v0.
+    The key `value` of a parameter is its value at the mean initial speed of the logs.
     """
     first = result.logs[0].chosen.fit
     return {
@@ -484,7 +493,11 @@ COLUMNS = (
     *("time [s]", "filtered train speed [km/h]", "filtered slip [1]", "filtered wheel load [N]"),
     *("adhesion torque [N*m]", "mu [1]", "regime"),
 )
-"""Header of the CSV file. The observer's filter delays the observed torque; the other columns have the same delay."""
+"""Header of the CSV file.
+
+The filter of the observer delays the observed torque. The other columns are filtered in the same way, so that all
+columns have the same delay.
+"""
 
 _SLIP = COLUMNS.index("filtered slip [1]")
 _NUMBERS = len(COLUMNS) - 1
@@ -492,24 +505,26 @@ _BLOCK = 1 << 16  # number of rows in memory at a time
 
 
 class ObservedRows:
-    """Observed rows of a log, stored as bytes in a temporary file until the regimes are known.
+    """Collects the observed adhesion of a log, and writes it as CSV with the regime of each row.
+
+    The regimes are known only at the end of the log. Until then the rows are stored in a temporary file.
 
     - path: CSV file to write.
     - radius: wheel radius, m.
-    - rows: temporary file.
+    - rows: temporary file, open for binary writing and reading.
     """
 
     def __init__(self, path: Path, radius: float, rows: IO[bytes]) -> None:
         self._path, self._radius, self._rows = path, radius, rows
 
     def __call__(self, samples: Observed) -> None:
-        """Store samples, which must come in order of time."""
+        """Store samples; successive calls must follow the order of time."""
         torque = samples.mu * self._radius * samples.load
         columns = (samples.time, samples.speed / KMH, samples.slip, samples.load, torque, samples.mu)
         self._rows.write(np.column_stack(columns).tobytes())
 
     def finish(self, regimes: Regimes) -> None:
-        """Write the CSV file."""
+        """Write the CSV file, with the regime (adhesion or sliding) of each row."""
         import pandas as pd
 
         self._rows.seek(0)
@@ -523,9 +538,12 @@ class ObservedRows:
 
 @contextmanager
 def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | None]:
-    """Yield an object that stores observed samples, and writes them to `path` by its `finish`; None without a path.
+    """Yield an `ObservedRows` that stores samples, and writes them to `path` when its method `finish` is called.
 
-    `radius` is the wheel radius, m. InputError if the file cannot be written.
+    - path: CSV file; if it is None, None is yielded.
+    - radius: wheel radius, m.
+
+    InputError: the file cannot be written.
     """
     if path is None:
         yield None
@@ -534,4 +552,6 @@ def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | N
         with tempfile.TemporaryFile(dir=path.parent) as rows, staged(path.parent) as new:
             yield ObservedRows(new / path.name, radius, rows)
     except OSError as error:
-        raise InputError(f"--observed: {str(path)!r} cannot be written ({error.strerror or error})") from None
+        raise InputError(
+            f"--observed: {str(path)!r} cannot be written ({error.strerror or error}); give another file"
+        ) from None

@@ -1,4 +1,4 @@
-"""HTML page of the blocks of `document`, with embedded pictures, typeset text and formulas."""
+"""HTML page of a report, with embedded pictures, typographic signs and formulas."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def page(
     date: datetime.date,
     seconds: float,
 ) -> str:
-    """Return an HTML document that contains its style and pictures, so that it loads no other file.
+    """Return a report as an HTML document that contains its style and pictures, and loads no other file.
 
-    - first, sections: first page and further sections.
-    - pictures: SVG by the names that `first` and `sections` use.
-    - command, date, seconds: command that made the report, its date and computing time, s.
+    - first, sections: first page and further sections of the report.
+    - pictures: SVG files by the picture names that `first` and `sections` use.
+    - command, date, seconds: command that made the report, date of the report, and computing time, s.
     """
     filling = environment("railslip_ctrl.report", autoescape=True)
     filling.keep_trailing_newline = False
@@ -52,7 +52,7 @@ def page(
 
 
 def _linked(source: str) -> Markup:
-    """Return a source as HTML, with a link for a DOI or an address."""
+    """Return a bibliographic source as HTML, in which a DOI or an internet address is a link."""
     from markupsafe import Markup, escape
 
     def link(match: re.Match[str]) -> str:
@@ -63,10 +63,7 @@ def _linked(source: str) -> Markup:
 
 
 def css_string(text: str) -> str:
-    """Escape text for a string in a style sheet.
-
-    Characters other than ASCII letters, digits and spaces become escapes by their code.
-    """
+    """Escape text for a string in a style sheet: all characters except ASCII letters, digits and spaces."""
     return "".join(c if c.isascii() and (c.isalnum() or c == " ") else f"\\{ord(c):06x} " for c in text)
 
 
@@ -105,7 +102,7 @@ _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:deg|kg|km|kN|MJ|N|m|s|1/s|rad)\b|%)")
 
 
 def typeset(text: str) -> Markup:
-    """Return text as HTML, with code for text in backticks, and typographic signs elsewhere."""
+    """Return text as HTML: text in backticks becomes code, other text gets typographic signs, such as Greek letters."""
     from markupsafe import Markup, escape
 
     pieces = _CODE.split(text)  # odd pieces are code
@@ -118,7 +115,7 @@ def typeset(text: str) -> Markup:
 
 
 def with_units(text: str) -> str:
-    """Return text, or HTML, with a no-break space between a number and its unit."""
+    """Return text or HTML in which a no-break space separates a number from its unit."""
     from markupsafe import Markup
 
     joined = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
@@ -126,7 +123,7 @@ def with_units(text: str) -> str:
 
 
 def formula(latex: str) -> Markup:
-    """Return a LaTeX formula as inline MathML, with fractions in display size."""
+    """Return a LaTeX formula as inline MathML, with fractions as large as in a separate formula."""
     from latex2mathml.converter import convert
     from markupsafe import Markup
 

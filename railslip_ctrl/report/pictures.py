@@ -1,4 +1,4 @@
-"""Drawing and writing of the pictures of a result; a failure does not affect the numbers."""
+"""Drawing and writing of the pictures of a result; if drawing fails, the other files are still written."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Drawings: TypeAlias = "Mapping[str, Figure | Callable[[], Figure]]"  #: figures 
 
 
 class Pictures:
-    """Pictures of a result; if a picture fails, the numbers and earlier pictures are still written.
+    """Pictures of a result; if one cannot be drawn, those drawn before it are kept.
 
-    - drawn: content of the pictures by name and suffix.
+    - drawn: content of each picture file, by name of the picture and then by suffix ("png", "svg").
     - failure: reason why a picture is missing; empty if none is missing.
     """
 
@@ -28,7 +28,10 @@ class Pictures:
         self.failure = ""
 
     def draw(self, figures: Callable[[], Drawings], forms: Sequence[str] = ("png", "svg")) -> None:
-        """Draw the missing pictures of `figures()` as `forms`, with Matplotlib's default settings."""
+        """Draw the pictures of `figures()` that are not drawn yet, each in all `forms`.
+
+        Matplotlib's default settings are used. A failure is stored in `failure`.
+        """
         self.failure = ""
         try:
             from railslip_ctrl.report.plots.style import figure_files, standard_settings
@@ -41,13 +44,13 @@ class Pictures:
             self.failure = f"{type(error).__name__}: {error}"
 
     def files(self) -> dict[str, bytes]:
-        """Return the content of the pictures by file name."""
+        """Return the content of each picture file by file name."""
         return {f"{name}.{form}": content for name, forms in self.drawn.items() for form, content in forms.items()}
 
     def write(self, directory: Path, written: Sequence[Path], files: Mapping[str, FileContent]) -> int:
-        """Write `files` into `directory`; return the number of files, including the files already `written`.
+        """Write `files` into `directory`; return their number plus the number of files `written` before.
 
-        InputError if a picture is missing.
+        InputError: a picture is missing, or `files` cannot be written; the message lists the files that were written.
         """
         failure = self.failure
         try:
@@ -57,8 +60,8 @@ class Pictures:
         if failure:
             names = ", ".join(path.name for path in written)
             raise InputError(
-                f"--out: not every picture could be made ({failure}); {str(directory)!r} has of this run: {names}; "
-                "do not use other files of this folder"
+                f"--out: not every picture could be made ({failure}); in {str(directory)!r} only these files are from "
+                f"this run: {names}; do not use other files of this folder"
             )
         return len(written)
 
@@ -69,7 +72,10 @@ def write_results(
     figures: Callable[[], Drawings],
     forms: Sequence[str] = ("png", "svg"),
 ) -> int:
-    """Write `results`, then draw and write pictures; return the number of files; InputError if a picture is missing."""
+    """Write the files `results`, then draw and write the pictures; return the number of all files.
+
+    InputError: a file cannot be written, or a picture cannot be drawn; without a picture `results` are still written.
+    """
     written, pictures = write_files(directory, results), Pictures()
     pictures.draw(figures, forms)
     return pictures.write(directory, written, pictures.files())

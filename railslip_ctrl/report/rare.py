@@ -1,4 +1,4 @@
-"""Results of rare-event simulation and of confidence levels as text, JSON and files."""
+"""Results of `railslip campaign --rare` or `--confidence-levels` as text, JSON and files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ _HOLDS = "Valid for this model with these independent distributions; it does not
 
 
 def text_of(result: Result) -> str:
-    """Return probability, contributions and most likely failing stop, or the table of Kdry_rst, as text."""
+    """Return the result as text.
+
+    For a rare event these are its probability, the contribution of each input, and the most likely stop with the event.
+    For confidence levels this is the table of Kdry_rst: deceleration of a given probability over nominal deceleration.
+    """
     facts, table, last = _levels(result) if isinstance(result, ConfidenceLevels) else _event(result)
     title = heading(f"{result}: {result.campaign.scenario.name}, {result.campaign.controllers[0].label}")
     warnings = [Text(f"Warning: {warning}.") for warning in result.warnings]
@@ -61,7 +65,7 @@ def _event(result: RareEvent) -> tuple[Rows, Table, list[RenderableType]]:
 
 
 def json_of(result: Result) -> dict[str, Any]:
-    """Return the result as JSON, unrounded."""
+    """Return the result as JSON, with unrounded numbers."""
     own = {"version": __version__, **exported(result, "stops", "warnings", hash="campaign.fingerprint")}
     if isinstance(result, ConfidenceLevels):
         return own | exported(result, "factors", nominal_deceleration="nominal")
@@ -74,7 +78,10 @@ def json_of(result: Result) -> dict[str, Any]:
 
 
 def files_of(result: Result, scenario: str) -> dict[str, FileContent]:
-    """Return files by name; `scenario` is the name or path of the campaign's scenario."""
+    """Return the content of each file of the result by file name.
+
+    - scenario: name or path of the campaign's scenario; `stop.toml` refers to it.
+    """
     name = "rare" if isinstance(result, RareEvent) else "confidence"
     files: dict[str, FileContent] = {f"{name}.txt": text_of(result), f"{name}.json": json_text(json_of(result))}
     rows = zip(*(column.tolist() for column in result.tail[:4]), strict=True)

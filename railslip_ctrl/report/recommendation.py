@@ -1,9 +1,9 @@
 """Computation of a design report, and its records.
 
-`design_report` tunes PI and PI-lead over the envelope (`Selection`). The most robust designs, and every controller
-whose parameters follow from the vehicle alone, run in the same stops (`Trial`). `ordered` chooses the best
-candidate. For this candidate `design_report` computes margins, limits and a gain map and, if no candidate qualifies, a
-better brake (`DesignReport`).
+`design_report` tunes PI and PI-lead over the envelope (`Selection`). It simulates the same stops with the most robust
+designs and with every controller that needs no tuning (`Trial`). `candidates.ordered` chooses the best candidate. For
+this candidate `design_report` computes margins, limits and a gain map. If no candidate qualifies, it searches for a
+faster brake with which one does. `DesignReport` contains the results.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LawCurve:
-    """Adhesion coefficient (n,) over the slip ratio (n,) for the law, rail and speed of a point, with its peak."""
+    """Adhesion coefficient (n,) over slip ratio (n,) with the law, rail and speed of `point`, and the adhesion peak."""
 
     point: OperatingPoint
     slip: Floats
@@ -79,7 +79,7 @@ class LawCurve:
 
 @dataclass(frozen=True)
 class ShownLoop:
-    """A loop drawn in a picture, with its label and its frequency response."""
+    """A loop that a picture shows, with its label and its frequency response."""
 
     label: str
     loop: Any
@@ -88,8 +88,10 @@ class ShownLoop:
 
 @dataclass(frozen=True)
 class GainMap:
-    """Worst Ms (m, n) over kp (m,) and ki (n,) at some operating points, with the design's lead; inf if unstable.
+    """Worst Ms over some operating points for other gains kp and ki than those of the design, with the same lead.
 
+    - kp, ki: gains, SI, (m,) and (n,).
+    - ms: worst Ms, (m, n); inf if a loop is unstable.
     - chosen: kp and ki of the design.
     - points: number of operating points.
     """
@@ -103,7 +105,10 @@ class GainMap:
 
 @dataclass(frozen=True)
 class Responses:
-    """Responses of the recommended design to steps of the reference slip velocity and of torque at the wheel (N*m)."""
+    """Linear responses of the recommended design: to a step of the reference slip velocity, and to a load step.
+
+    The load step is a torque step at the wheel of `load_step`, N*m.
+    """
 
     point: OperatingPoint
     load_step: float
@@ -113,7 +118,10 @@ class Responses:
 
 @dataclass(frozen=True)
 class Sliding:
-    """Verified conditions of the predictive sliding-mode law; None, with the reason, if they were not computed."""
+    """Verified conditions of the predictive sliding-mode law.
+
+    If they were not computed, `verification` is None, and `reason` says why.
+    """
 
     verification: Verification | None
     reason: str = ""
@@ -121,10 +129,10 @@ class Sliding:
 
 @dataclass(frozen=True)
 class Released:
-    """A recorded stop of the recommended design, and the samples at which a brake release certainly prevents a lock.
+    """A stop of the recommended design, and the samples at which it is proved that a brake release prevents a lock.
 
-    - certified: None, with the `reason`, if the stop cannot be certified.
-    - region: certified no-lock region; computed only for stops that are drawn.
+    - certified: samples of the stop with the proof; None if the stop cannot be certified, and `reason` then says why.
+    - region: no-lock region; None if the stop is not drawn.
     """
 
     stop: Stop
@@ -135,9 +143,9 @@ class Released:
 
 @dataclass(frozen=True)
 class UnjudgedSlips:
-    """Slip ratios that a design holds in stops with a law and rail but at which it was not judged; worst Ms there.
+    """Slip ratios that a design holds in stops with a law and rail, but at which it was not judged.
 
-    ms: inf if a loop is unstable.
+    - ms: worst Ms at these slip ratios; inf if a loop is unstable.
     """
 
     law: str
@@ -148,7 +156,10 @@ class UnjudgedSlips:
 
 @dataclass(frozen=True)
 class Rival:
-    """A user's controller in the stops of the report, with its judgement, or the `reason` why it has none."""
+    """A user's controller, with the nominal stops of the report and its judgement.
+
+    A controller without margins has no judgement; `reason` then says why.
+    """
 
     name: str
     judgement: Judgement | None
@@ -157,14 +168,14 @@ class Rival:
 
     @property
     def above_kmh(self) -> float | None:
-        """Speed, km/h, above which margins and nominal stops allow its use; None if it must not be used."""
+        """Speed, km/h, above which the controller is robust; None if it never is, or if a wheel locks under control."""
         robust = None if self.judgement is None else self.judgement.robust_from_kmh
         return None if any(stop.locked_from > stop.cut_out for stop in self.stops) else robust
 
 
 @dataclass(frozen=True)
 class DesignReport:
-    """Content of the design report of a vehicle; fields without content are empty or None."""
+    """Content of the design report of a vehicle; a field that was not computed is empty or None."""
 
     envelope: Envelope  # envelope of the design, which contains the vehicle
     nominal: bool  # true if only operating points are judged, without tolerances
@@ -194,7 +205,7 @@ class DesignReport:
 
     @property
     def vehicle(self) -> Vehicle:
-        """Vehicle with its empty mass."""
+        """Vehicle of the envelope, with its empty mass."""
         return self.envelope.vehicle
 
     @property
@@ -204,12 +215,12 @@ class DesignReport:
 
     @property
     def judgement(self) -> Judgement | None:
-        """Judgement of the best design over the whole envelope."""
+        """Judgement of the best design over the whole envelope; None if the best candidate has no margins."""
         return None if self.best is None or self.best.design is None else self.best.design.judgement
 
     @property
     def judged_envelope(self) -> Envelope:
-        """Envelope with the additional speeds at which the best design was judged."""
+        """Envelope at whose speeds and slips the best design was judged; without margins, the given envelope."""
         return self.envelope if self.judgement is None else self.judgement.envelope
 
     @property
@@ -219,12 +230,12 @@ class DesignReport:
 
     @property
     def seeking(self) -> Trial | None:
-        """Trial of the seeking controller; None if it has no gains for this vehicle."""
+        """Trial of the seeking controller; None if the seeking controller has no gains for this vehicle."""
         return next((trial for trial in self.trials if trial.choice.structure == SEEKING), None)
 
     @property
     def peer(self) -> Trial | None:
-        """Trial of the rule-based slide protection; None if it did not run."""
+        """Trial of the slide protection; None if it did not run."""
         return next((trial for trial in self.trials if trial.choice.structure == SlideProtection.kind), None)
 
     @property
@@ -233,7 +244,7 @@ class DesignReport:
         return tuple(trial for trial in self.trials if trial.above_kmh is not None)
 
     def trial_of(self, choice: StructureChoice) -> Trial | None:
-        """Trial of a choice; None if it did not run."""
+        """Trial of this candidate; None if the candidate was not simulated in stops."""
         return next((trial for trial in self.trials if trial.choice is choice), None)
 
     @property
@@ -254,7 +265,7 @@ def longest(stops: Sequence[Stop]) -> tuple[Stop, ...]:
 
 
 def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
-    """Part of a judgement at speeds of at least `from_kmh`, km/h."""
+    """Judgement without the cases at speeds below `from_kmh`, km/h."""
     from_kmh *= 1 - 1e-9  # rounding of the conversion from m/s
     kept = judgement.points.speed_kmh >= from_kmh
     columns: dict[str, Any] = {name: values[kept] for name, values in vars(judgement.margins).items()}
@@ -310,20 +321,20 @@ def design_report(
     - nominal: judge only the operating points, without tolerances.
     - given: user's controllers by name; they run in the same stops and are judged if they have margins.
     - sliding: also verify the conditions of the predictive sliding-mode law, and find where a brake release prevents a
-      lock; in a second process if there are two cores.
-    - fresh: verify the conditions again instead of reading the earlier result from the cache.
+      lock.
+    - fresh: verify these conditions again instead of reading the earlier result from the cache.
     - prefer: {"distance", "robustness"}; order of the candidates that qualify, see `ordered`.
     - progress: called with one line of text for each step.
-    - meanwhile: called with the unfinished report, without rivals, gain map and attainable stops, which are still
-      computed; its pictures can be drawn in the meantime.
+    - meanwhile: called once with the unfinished report, while the user's controllers, the gain map and the attainable
+      stops are still missing; this function can draw the first pictures.
 
-    InputError: an envelope without points, or an object that is not a controller.
+    InputError: the envelope has no points, or an object in `given` is not a controller.
     """
     started, vehicle, lead = time.perf_counter(), envelope.vehicle, partial(select, envelope, ("pi-lead",))
     rivals: dict[str, Rival] = {}
 
     def run_rival(name: str, controller: Any) -> None:
-        progress(f"judge and run {name}")
+        progress(f"judge controller {name} and simulate its stops")
         rivals[name] = _rival(name, controller, envelope, nominal)
 
     for name, controller in (given or {}).items():
@@ -350,7 +361,7 @@ def design_report(
         for name, controller in (given or {}).items():
             if name not in rivals:
                 run_rival(name, controller)
-        progress("conditions of the predictive sliding-mode law")
+        progress("verify the conditions of the predictive sliding-mode law")
         shown = tuple(rivals[name] for name in given or {})
         report = replace(report, rivals=shown, sliding=conditions(), released=no_locks())
         return replace(report, seconds=time.perf_counter() - started)
@@ -358,7 +369,7 @@ def design_report(
 
 @contextmanager
 def _beside() -> Iterator[Beside]:
-    """Yield a function that runs functions in a second process, or in this one if there is one core."""
+    """Yield a function that starts functions in a second process; on a single core it runs them in this process."""
     if cpu_count() < 2:
         yield partial
         return
@@ -374,7 +385,7 @@ def _called(content: bytes) -> Any:
 
 
 def _verified(vehicle: Vehicle) -> Sliding:
-    """Verify the conditions of the predictive law, or state why this is impossible for the vehicle."""
+    """Verify the conditions of the predictive law for a vehicle, or return the reason why this is impossible."""
     from railslip_ctrl.verification.joint_verification import verify  # imports SymPy: slow
 
     def decide() -> Verification:
@@ -394,7 +405,10 @@ _REGION_SLIPS = np.linspace(0.0, 0.36, 13)  # slip ratios of a drawn region
 
 
 def _released(stops: Sequence[Stop]) -> tuple[Released, ...]:
-    """Certify the recorded stops; stops with the first certified law and load also get their no-lock region."""
+    """Find the samples of recorded stops at which a brake release prevents a lock.
+
+    The no-lock region is also computed for stops with the law and load of the first stop that can be certified.
+    """
     from railslip_ctrl.verification.no_lock import no_lock, released_run  # imports SymPy, which is slow
 
     result: list[Released] = []
@@ -424,12 +438,12 @@ def _designed(
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """Make the report without rivals and sliding-mode law.
+    """Make the report, but without the user's controllers and the conditions of the sliding-mode law.
 
-    - beside: function that runs functions in a second process, and functions that return the trials started there.
+    - beside: function that starts functions in a second process, and functions that return the trials started there.
     """
     submit, others = beside
-    progress("braking runs")
+    progress("simulate the stops")
     designed = [item for item in selection.choices if item.design is not None][: candidates.MOST_LINEAR]
     trials = [candidates.linear_trial(item, nominal, False) for item in designed]  # others run in the second process
     trials += [item for get in others if (item := get()) is not None]
@@ -439,9 +453,9 @@ def _designed(
     had = submit(clairvoyant_stops, [stop.braked_scenario for i in sorted(bounded) for stop in trials[i].stops])
     remedy: Callable[[], Remedy | None] = lambda: None  # noqa: E731
     if best.above_kmh is None:
-        progress("find a brake with which a controller qualifies")
+        progress("search for a faster brake with which a controller qualifies")
         remedy = submit(candidates.remedy_of, envelope, trials, nominal)
-    progress("limits, gain map, responses")
+    progress("compute limits, gain map and responses")
     judgement = best.judgement
     in_use = judgement
     if judgement is not None and (least := max(best.lowest_kmh, judgement.hand_over_kmh)) <= max(envelope.speeds):
@@ -476,7 +490,7 @@ def _designed(
 
 
 def _with_bounds(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
-    """Add to each stop its bound and its attainable stop; `known` yields a pair of these for each stop."""
+    """Add the bound and the attainable stop to each of `runs`; `known` yields these pairs in the same order."""
     return tuple(replace(run, bound=bound, attainable=had) for run, (bound, had) in zip(runs, known, strict=False))
 
 
@@ -511,7 +525,7 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
 
 
 def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[UnjudgedSlips]:
-    """Yield the slips that a controller holds in stops but at which it was not judged, with the worst Ms there."""
+    """Yield, for each law and rail, the slips that a controller holds in stops but at which it was not judged."""
     for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
         points = [plant.point for plant in judged.points.plants]
         known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
@@ -529,7 +543,7 @@ def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[Unjudge
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
-    """Limits for any controller at the hardest operating point of each rail and load."""
+    """Limits for any controller, at the operating point of each rail and load where the bound of Ms is largest."""
     points = judgement.points
     operating = points.plant[points.operating].tolist()
     result: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
@@ -542,7 +556,7 @@ def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
 
 
 def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
-    """Worst Ms for gains near the design's, at the operating points of the lowest and the highest speed in use."""
+    """Worst Ms for gains near those of the design, over the operating points at the lowest and the highest speed."""
     points = judgement.points
     speeds = points.speed_kmh
     some = points.take(points.operating & ((speeds == speeds.min()) | (speeds == speeds.max())))

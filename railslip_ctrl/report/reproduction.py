@@ -1,7 +1,7 @@
-"""Comparison of the numbers of [Park2008] with ours as text, JSON and a page, which also has the errata.
+"""Comparison of the numbers of [Park2008] with those of this package, as text, JSON and HTML page.
 
-The "reading" is our set of rules for the units and for details that the paper does not state. Text and page have the
-same blocks; the page typesets them with `typeset`.
+The "reading" is the set of rules by which this package chooses units and details that the paper does not state. Only
+the page also has the margins with the gains of the paper, its figures and its errata.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _NAMES = ("braking time, s", "braking distance, m", "brake energy, N·m", "mean 
 QUANTITY_NAMES = dict(zip(QUANTITIES, _NAMES, strict=True))  #: names of the rows of Table 5, with units
 
 FIGURES = {"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15"} | {f"fig_{n}": f"Fig. {n}" for n in range(17, 22)}
-"""Figures of the paper by the names of the redrawn pictures."""
+"""For each redrawn picture, by its name: the figure of the paper that it repeats."""
 
 _ENERGY = QUANTITIES[2]
 _ROW = (
@@ -62,11 +62,11 @@ _DECIDED = {
 def reproduction_json(
     comparison: Table5, three: Table3, facts: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> dict[str, Any]:
-    """Return Table 5, the reading, Table 3, facts, and the sensitivity if given, as JSON.
+    """Return the comparison with the paper as JSON.
 
-    - comparison, three: results for Tables 5 and 3.
-    - facts: further facts of the published runs.
-    - sensitivity: effect of the alternatives to the reading.
+    - comparison, three: Tables 5 and 3 of [Park2008], published and computed.
+    - facts: further facts of the published runs, each with its check.
+    - sensitivity: change of Table 5 if one rule of the reading is replaced by an alternative; may be None.
     """
     content = {
         "rows": [exported(row, *_ROW) for row in comparison.rows],
@@ -88,7 +88,10 @@ def reproduction_json(
 
 
 def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
-    """Return the alternatives to the reading as JSON; `numbers`: Table 5 by column, null if a run did not stop."""
+    """Return the effect of each alternative to a rule of the reading as JSON.
+
+    The key `numbers` has the numbers of Table 5 for each column; a number is null if a run did not stop.
+    """
     return {
         "seeds": sensitivity.seeds,
         "rms_deviation_percent": number(sensitivity.base_rms_deviation_percent),
@@ -111,7 +114,7 @@ def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
 def reproduction_text(
     comparison: Table5, three: Table3, facts: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> str:
-    """Return the same content as `reproduction_json` as text."""
+    """Return the comparison with the paper as text; the parameters are those of `reproduction_json`."""
     five = _table5(comparison)
     parts: list[RenderableType] = [
         heading("[Park2008] Table 5: the stop from 100 to 5 km/h"),
@@ -181,7 +184,7 @@ def _fact(fact: Fact, style: Callable[[str], str]) -> Details:
 
 
 def reproduction_finding(comparison: Table5) -> str:
-    """State how many numbers are within tolerance, and for which ones more seeds are needed."""
+    """Return sentences that say how many numbers of Table 5 are within tolerance, and which numbers need more seeds."""
     out = [row for row in comparison.rows if not row.within]
     total, seeds = len(comparison.rows), comparison.seeds
     text = (
@@ -200,13 +203,13 @@ def reproduction_finding(comparison: Table5) -> str:
 
 
 def _item(item: str) -> str:
-    """Return a short name for a number of a column."""
+    """Return a short name of a number of Table 5: its column and its quantity."""
     column, quantity = item.split(" / ")[-2:]
     return f"{column}, {QUANTITY_NAMES[quantity].split(', ')[0]}"
 
 
 def _error(row: Row) -> float:
-    """Return the standard error of a number, % of the published one."""
+    """Return the standard error of a computed number, in % of the published number."""
     return 100 * row.standard_error / row.published
 
 
@@ -231,7 +234,7 @@ def _table5(comparison: Table5) -> Table:
 
 
 def _energy(comparison: Table5) -> str:
-    """Return a remark with an example of a printed energy in J, as other tables of braking runs state it."""
+    """Return a remark that converts one printed energy to MJ, for comparison with other tables of braking runs."""
     row = next((row for row in comparison.rows if row.item.endswith(f" / {_ENERGY}")), None)
     if row is None:
         return ""
@@ -256,7 +259,13 @@ def _reading(style: Callable[[str], str]) -> Table:
 def reproduction_first_page(
     comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> FirstPage:
-    """Return the first page of the reproduction report."""
+    """Return the first page of the reproduction report.
+
+    - comparison: Table 5, published and computed.
+    - held: further facts of the published runs.
+    - errata: equations, numbers and claims of the paper that were checked.
+    - groups: loops with the gains of Table 4, one group for each inertia scale.
+    """
     within, total = sum(row.within for row in comparison.rows), len(comparison.rows)
     wrong = sum(not item.agrees for item in errata)
     rows = [
@@ -288,7 +297,7 @@ def reproduction_first_page(
 def reproduction_sections(
     comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> list[Section]:
-    """Return the sections of the reproduction report."""
+    """Return the sections of the reproduction report; the parameters are those of `reproduction_first_page`."""
     alt = "The curves of {} of the paper, as computed by this software."
     figures = tuple(Picture(name, f"[Park2008] {item}, redrawn.", alt.format(item)) for name, item in FIGURES.items())
     return [
@@ -302,7 +311,7 @@ def reproduction_sections(
 
 
 def _gains(groups: Sequence[ControllerGroup]) -> Section:
-    """Return the section on Table 4's gains with both inertia scales, SI and as published."""
+    """Return the section on the margins with the gains of Table 4, for inertia scale 1 (SI) and 3.6 (as published)."""
     rows = [
         (group.title, f"{a.point.rail}, {a.point.speed_kmh:g} km/h", *margin_cells(a.margins), a.verdict.value)
         for group in groups
@@ -328,7 +337,7 @@ def _gains(groups: Sequence[ControllerGroup]) -> Section:
 
 
 def _errata(errata: Sequence[Erratum]) -> Section:
-    """Return the section on errata: printed formulas, numbers and claims that contradict other parts of the paper."""
+    """Return the section on errata: formulas, numbers and claims of the paper that contradict other parts of it."""
     wrong, right = ([item for item in errata if item.agrees is agrees] for agrees in (False, True))
     blocks: list[Block] = []
     for item in wrong:

@@ -1,4 +1,4 @@
-"""Braking run as text, JSON and CSV, and comparison of controllers as text."""
+"""Results of a braking run as text, JSON and CSV, and a comparison of controllers as text."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CSV_COLUMNS = {
     "measured_speed": "measured train speed [m/s]",
     "measured_wheel_speed": "measured wheel angular speed [rad/s]",
 }
-"""Header of the CSV by field of `Signals`; names and units are those that `railslip identify` reads."""
+"""Column title in the CSV file for each field of `Signals`; `railslip identify` can read a file with these titles."""
 
 _WORKS = {
     "brake": "brake, torque times wheel speed",
@@ -58,8 +58,8 @@ _WORKS = {
 def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) -> dict[str, Any]:
     """Return the results of a run as JSON; time, distance, energy and slip error are null if the train did not stop.
 
-    - gains: column of [Park2008] Table 4 whose gains the controller has; None if it has other gains.
-    - law_speed: v0 of the adhesion law, m/s.
+    - gains: name of the column of [Park2008] Table 4 from which the gains are; None for other gains.
+    - law_speed: initial speed v0 for which a published adhesion law is computed, m/s.
     """
     scenario = run.scenario
     of_stop = {
@@ -107,9 +107,10 @@ def _law_source(scenario: simulation.Scenario, law_speed: float) -> str:
 
 
 def simulation_text(run: simulation.Run, law_speed: float) -> str:
-    """Return the report of a run: scenario, controller, outcome, numbers and energy balance.
+    """Return the report on a run as text: scenario, controller, outcome, numbers and energy balance.
 
-    `run.signals` is needed if an event is given by distance. `law_speed`: v0 of the adhesion law, m/s.
+    - run: braking run; if an event of its scenario is given by distance, the run must be recorded.
+    - law_speed: initial speed v0 for which a published adhesion law is computed, m/s.
     """
     scenario = run.scenario
     end = f"after {run.braking_time:.4g} s and {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
@@ -164,7 +165,7 @@ def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, st
 
 
 def _limits(scenario: simulation.Scenario) -> str:
-    """Describe torque limits, torque gain, rate limit and lag for falling torque."""
+    """Describe the brake limits: range, gain and largest rate of the torque, and the lag while the torque falls."""
     limits, lag = scenario.limits, scenario.vehicle.actuator.lag
     rate = "no rate limit" if limits.rate is None else f"rate at most {limits.rate:g} N·m/s"
     dump = lag if limits.dump_lag is None else limits.dump_lag
@@ -175,7 +176,7 @@ def _limits(scenario: simulation.Scenario) -> str:
 
 
 def _believed(scenario: simulation.Scenario) -> list[tuple[str, str]]:
-    """Return the vehicle parameters for which controllers assume other values, if any."""
+    """Return a line with the wrong vehicle parameters that controllers assume; empty if they assume the true ones."""
     units = scenario.beliefs.units()
     texts = [
         f"{name.replace('_', ' ')} {value:g} {units[name]}" for name, value in scenario.beliefs if value is not None
@@ -241,11 +242,11 @@ def _energy_table(run: simulation.Run) -> RenderableType:
 
 
 def write_simulation_csv(run: simulation.Run, path: Path, *, internal: bool = False) -> None:
-    """Write the time series as CSV: a header with units, and one row for each recorded sample.
+    """Write the time series of a recorded run as CSV: a header with units, and one row for each recorded sample.
 
     - internal: if true, also write the controller's internal state.
 
-    The reference slip is nan for a controller without one.
+    If the controller has no reference slip, this column is nan.
     """
     signals = run.signals
     assert signals is not None, "the run was recorded"
@@ -266,7 +267,10 @@ COLUMNS = (
 
 
 def run_comparison_text(comparison: RunComparison) -> str:
-    """Return a table with a row for each controller: means over the seeds, and the standard error of the distance."""
+    """Return a text with a table that compares controllers.
+
+    Each row has the means of one controller over the seeds, and the standard error of its mean distance.
+    """
     scenario, bound = comparison.scenario, comparison.bound
     parts: list[RenderableType] = [
         heading(f"Braking runs: {scenario.name}, inertia scale {scenario.vehicle.inertia_scale:g}"),
@@ -285,7 +289,7 @@ def run_comparison_text(comparison: RunComparison) -> str:
 
 
 def _row(row: ControllerRow, bound: float) -> tuple[str, ...]:
-    """Return the cells of a row, in the order of `COLUMNS`."""
+    """Return the table cells of one controller in the order of `COLUMNS`; `bound` is the bound of the distance, m."""
     return (
         row.name,
         f"{row.braking_distance.value:.1f}",

@@ -1,7 +1,7 @@
-"""Stops of a design report with the laws and loads of its envelope.
+"""Simulated stops of a design report, with the adhesion laws and loads of the envelope.
 
-Nominal stops run on dry and wet rail. Harder stops have errors of sensors and brake, or a rail that turns wet and dry
-again.
+Nominal stops have no errors, and the rail is dry or wet. Harder stops have errors of sensors and brake, or a dry rail
+that turns wet and dry again.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SLIDING = 0.5  #: slip ratio above which a wheel counts as sliding: halfway to a
 
 @dataclass(frozen=True)
 class Stop:
-    """One stop with one controller, repeated with several noise seeds."""
+    """One stop with one controller, simulated with one or more noise seeds."""
 
     controller: str
     law: str  # name of the adhesion law
@@ -60,7 +60,7 @@ class Stop:
 
     @property
     def swings(self) -> bool:
-        """True if the wheel oscillates: under control the slip falls below minus half the reference slip."""
+        """True if the wheel oscillates: while slip is controlled, the slip ratio falls below -reference/2."""
         signals = self.run.signals
         assert signals is not None, "the run is recorded"
         controlled = signals.speed > self.cut_out
@@ -68,7 +68,7 @@ class Stop:
 
     @property
     def braked_scenario(self) -> Scenario:
-        """Scenario with the torque limit `brake_torque`, for the bound."""
+        """Scenario of the stop with the torque limit `brake_torque`; the bound is computed for it."""
         most = self.brake_torque
         return self.run.scenario if math.isinf(most) else _limited(self.run.scenario, most)
 
@@ -84,7 +84,7 @@ class Stop:
 
     @property
     def reached(self) -> bool:
-        """True if the slip held is at least 0.95 of the reference."""
+        """True if `settled_slip` is at least 95 % of the reference slip."""
         return self.settled_slip >= REACHED_SHARE * self.reference
 
     @property
@@ -104,7 +104,7 @@ class Stop:
 
     @property
     def over_bound(self) -> float:
-        """Relative excess of `distance` over the bound; NaN if either is unknown."""
+        """`distance`/bound - 1, a ratio; NaN if a run does not stop or the bound is unknown."""
         if self.bound is None or not self.run.stopped or math.isinf(self.bound.braking_distance):
             return math.nan
         return self.distance / self.bound.braking_distance - 1
@@ -112,9 +112,9 @@ class Stop:
 
 @dataclass(frozen=True)
 class RollingLoop:
-    """Loop of the recommended design linearised at free rolling, for a law with which the wheel oscillates.
+    """Loop of the recommended design, linearised at slip 0, for a nominal stop in which the wheel oscillates.
 
-    - frequency: natural frequency of the wheel on its contact without control, rad/s.
+    - frequency: natural frequency of the rolling wheel on the elastic contact, without control, rad/s.
     - stable: true if the closed loop is stable.
     """
 
@@ -127,10 +127,10 @@ class RollingLoop:
 
 SEEDS = (0, 1)  #: noise seeds of a nominal stop; a campaign runs more seeds
 NARROW = "polach"
-"""Adhesion law with a narrow peak; stops also use it if the user chose no laws.
+"""Adhesion law with a narrow peak; if the user chose no laws, stops with this law are simulated too.
 
-The default envelope does not contain it, because it has no reference slip, and because no design that holds a share of
-its peak slip is robust with tolerances.
+The default envelope does not contain this law, because it has no reference slip, and because no design that holds a
+share of its peak slip is robust with tolerances.
 """
 
 ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
@@ -139,13 +139,16 @@ ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
         for name, error in (("torque", GAIN), ("train speed", SPEED_SCALE), ("radius", RADIUS))
     }
 )
-"""Smallest and largest factors on acting torque, measured train speed and wheel radius, from `population`.
+"""Smallest and largest factors on acting torque, measured train speed and wheel radius in stops with errors.
 
-The controller assumes 1.
+They are those of `simulation.population`. The controller assumes that every factor is 1.
 """
 
 TEETH = float(min(ENCODERS))
-"""Teeth of the wheel encoder in half of the stops with errors; these stops also have speed noise (`SPEED_NOISE`)."""
+"""Number of teeth of the wheel encoder in half of the stops with errors.
+
+These stops also have noise of the measured speed (`SPEED_NOISE`). The other half has neither encoder nor noise.
+"""
 
 # distances at which the rail turns wet and dry again, over the square of the initial speed, s^2/m: 50 and 120 m at
 # 100 km/h, about a quarter and a half of a stop from any speed
@@ -157,9 +160,9 @@ LOG_PERIOD = 0.01  #: s, interval between recorded samples of a run, as in `rail
 
 
 def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
-    """Controller that runs a linear design in stops, with the reference slip at which it was judged.
+    """Controller that runs a linear design in stops, and tracks the reference slip at which the design was judged.
 
-    Without a reference in the envelope, the reference slips of the first stops' law are used (`as_reference`).
+    If the envelope has no reference slip, the controller tracks that of one adhesion law; see `as_reference`.
     """
     operating = operating_points(judgement.points)
     reference = judgement.envelope.reference or as_reference(operating)
@@ -169,7 +172,10 @@ def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = 
 
 
 def as_reference(operating: Sequence[OperatingPoint]) -> ReferenceSlip:
-    """Reference slips of the law of the first stops; a rail without points has the slip of the other rail."""
+    """Reference slips that are the slips of the operating points with one adhesion law, a static law if there is one.
+
+    If the law has points on only one rail, the slip on this rail is used for the other rail too.
+    """
     first = min((point.law for point in operating), key=lambda law: law.has_state).name  # static laws come first
     slips = {point.rail: point.slip for point in operating if point.law.name == first}
     return ReferenceSlip(**{rail.value: slips.get(rail, next(iter(slips.values()))) for rail in Rail})
@@ -181,7 +187,7 @@ def operating_points(points: EnvelopePoints) -> list[OperatingPoint]:
 
 
 def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tuple[Stop, ...]:
-    """Nominal stops on each law, load and rail of the envelope; if not `every_law`, on the first law only."""
+    """Nominal stops, one for each law, load and rail of the envelope; if not `every_law`, only for the first law."""
     laws = laws_of_stops(judgement) if every_law else laws_of_stops(judgement)[:1]
     return tuple(
         _stop(control, stop_scenario(judgement.envelope, judgement.points, law, load, rail), load)
@@ -190,7 +196,10 @@ def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tupl
 
 
 def laws_of_stops(judgement: Judgement) -> list[str]:
-    """Names of the laws of the envelope, static ones first; `NARROW` is added if the user chose no laws."""
+    """Names of the adhesion laws in the stops; laws without internal state come first.
+
+    These are the laws of the envelope, and `NARROW` if the user chose no laws.
+    """
     operating = operating_points(judgement.points)
     dynamic = {point.law.name: point.law.has_state for point in operating}
     if judgement.envelope.laws == Envelope.model_fields["laws"].default:
@@ -203,7 +212,7 @@ def _loads(judgement: Judgement) -> list[str]:
 
 
 def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: str, rail: Rail) -> Scenario:
-    """Scenario of a nominal stop with a load, a rail and an adhesion law by name."""
+    """Scenario of the nominal stop with this load ("empty" or "loaded"), this rail, and the adhesion law `law`."""
     of_load = np.flatnonzero(points.operating & (points.load == load))
     here = [points.plants[int(points.plant[i])].point for i in of_load]
     point = next((item for item in here if item.law.name == law), None)
@@ -216,10 +225,10 @@ def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: st
 
 
 def harder_scenarios(judgement: Judgement) -> Iterator[tuple[Scenario, str, str]]:
-    """Yield scenarios with errors and on a changing rail, each with a description and its load.
+    """Yield the scenarios of the harder stops, each with a text that describes its errors, and its load.
 
-    Each law has eight stops with errors of sensors and brake (orthogonal array); the rails alternate. Each law and load
-    has one stop on a dry rail that turns wet and dry again.
+    For each law there are eight scenarios with errors of sensors and brake, combined by an orthogonal array, in turn on
+    dry and wet rail. For each law and load there is one scenario on a dry rail that turns wet and dry again.
     """
     envelope, loads = judgement.envelope, _loads(judgement)
     for (i, law), (k, row) in product(enumerate(laws_of_stops(judgement)), enumerate(_ARRAY.tolist())):
@@ -261,7 +270,10 @@ def harder_stops(control: Any, judgement: Judgement) -> tuple[Stop, ...]:
 
 
 def locks_at_once(control: Any, judgement: Judgement, above: float, *, hard: bool) -> bool:
-    """True if the wheel locks above the speed `above`, m/s, in any nominal or, if `hard`, harder stop with one seed."""
+    """True if the wheel locks at a train speed above `above`, m/s, in any nominal stop.
+
+    If `hard`, harder stops count too. Each stop is simulated with one seed, and the first lock ends the search.
+    """
     cases = product(laws_of_stops(judgement), _loads(judgement), judgement.envelope.rails)
     plain = ((stop_scenario(judgement.envelope, judgement.points, law, load, rail), load) for law, load, rail in cases)
     harder = ((scenario, load) for scenario, _, load in harder_scenarios(judgement)) if hard else ()
@@ -313,9 +325,10 @@ def _filled(run: Run) -> float:
 
 
 def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) -> tuple[RollingLoop, ...]:
-    """Exact loops at free rolling for the nominal stops in which the wheel oscillates.
+    """Loops linearised at slip 0, with exact dead time, for the nominal stops in which the wheel oscillates.
 
-    Operating points of constant slip do not show this oscillation, because the contact slides there.
+    The operating points of the envelope have constant slip > 0, at which the contact slides. They do not show this
+    oscillation.
     """
     result = []
     for item in nominal:
@@ -328,14 +341,17 @@ def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) ->
 
 
 def _settled_slip(run: Run, cut_out: float) -> float:
-    """Median slip over the second half of the time above the `cut_out` speed, m/s; NaN if there is no such time."""
+    """Median slip ratio over the second half of the time in which the train is faster than `cut_out`, m/s.
+
+    NaN if the train is never faster.
+    """
     assert run.signals is not None, "the run is recorded"
     slip = run.signals.slip[run.signals.speed > cut_out]
     return float(np.median(slip[slip.size // 2 :])) if slip.size else math.nan
 
 
 def braked(scenario: Scenario, control: Any) -> Scenario:
-    """Scenario limited to the largest torque of the vehicle's brake, or of the controller if that is larger."""
+    """Scenario with a torque limit: the full brake torque, or the controller's largest torque if that is larger."""
     most = max(full_brake_torque(scenario.vehicle), control.largest_torque)
     return scenario if math.isinf(most) else _limited(scenario, most)
 
@@ -346,7 +362,7 @@ def _limited(scenario: Scenario, most: float) -> Scenario:
 
 
 def clairvoyant_stops(scenarios: Sequence[Scenario]) -> list[tuple[ClairvoyantStop | None, ClairvoyantStop | None]]:
-    """Bound and attainable stop for each scenario; None if one cannot be computed."""
+    """Bound and attainable stop of each scenario; None replaces one that cannot be computed."""
     return [(_known(clairvoyant_stop, scenario), _known(attainable_stop, scenario)) for scenario in scenarios]
 
 

@@ -1,4 +1,4 @@
-"""Text reports on linearised plants, margins, envelope verdicts and tuned designs; JSON of the last two."""
+"""Results of `railslip linearize`, `margins` and `tune` as text, and verdicts and tuned designs as JSON."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def case_title(point: OperatingPoint) -> str:
 
 
 def controller_text(controller: LinearController | Controller) -> str:
-    """Describe a controller that has stability margins: its name and its parameters."""
+    """Describe a controller that has stability margins, by its name and its parameters."""
     return controller.described() if isinstance(controller, Controller) else describe_system(controller)
 
 
@@ -83,14 +83,14 @@ def vehicle_line(vehicle: Vehicle) -> str:
 
 
 def _loads(empty: float, loaded: float, unit: str) -> str:
-    """Format a quantity of the empty and the loaded vehicle; one value if both are equal."""
+    """Format a quantity of the empty and the loaded vehicle; if the two values are equal, write only one."""
     if empty == loaded:
         return f"{empty:g} {unit}"  # the vehicle has one load case, or only its loaded state is used
     return f"{empty:g} {unit} empty, {loaded:g} {unit} loaded"
 
 
 def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
-    """Return names and values of the vehicle's parameters with units, followed by the assumptions about it."""
+    """Return name and value of each vehicle parameter, with its unit, followed by notes and warnings on the vehicle."""
     wheel, resistance = vehicle.wheel, vehicle.resistance
     rows = [
         ("Vehicle", vehicle.name + (f"  {vehicle.source}" if vehicle.source else "")),
@@ -112,7 +112,10 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
 
 
 def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
-    """Describe the adhesion law on each rail with its parameters; for a user's own law also its rule for wet rail."""
+    """Describe the adhesion law of each rail with its parameters.
+
+    For a law that is not published, also describe how the parameters for wet rail follow from those for dry rail.
+    """
     distinct = {(point.rail, point.law.parameters()): point for point in points}
     dry = next((point.law for point in distinct.values() if point.rail is Rail.DRY), None)
     return [
@@ -127,7 +130,10 @@ def _parameters(law: AdhesionLaw) -> str:
 
 
 def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
-    """Describe how wet parameters follow from dry ones; if only the wet ones are known, describe the possible rule."""
+    """Describe how the law's parameters for wet rail were computed from those for dry rail; empty if they were not.
+
+    If there is no dry law to compare with, name both possibilities: given, or computed.
+    """
     if point.rail is not Rail.WET or source_at(point) == PUBLISHED:
         return ""
     if dry is not None:
@@ -138,7 +144,7 @@ def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
 
 
 def _factors(dry: AdhesionLaw) -> str:
-    """Return the factors that turn the parameters of a dry law into those for wet rail, as text."""
+    """Return, as text, the factors by which a law multiplies its dry parameters for wet rail."""
     texts = []
     wet = dry.wet().numbers()
     for name, (value, _) in dry.numbers().items():
@@ -153,7 +159,7 @@ def _factors(dry: AdhesionLaw) -> str:
 
 
 def linearize_text(plants: Sequence[LinearPlant]) -> str:
-    """Return a report on operating points and their linearisations."""
+    """Return a text on each operating point and its linearised plant."""
     parts: list[RenderableType] = []
     for plant in plants:
         point = plant.point
@@ -184,7 +190,7 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
 
 
 def polynomial_text(coefficients: Iterable[float]) -> str:
-    """Return a polynomial in s as text; coefficients with the highest power first."""
+    """Return a polynomial in s as text; the first of `coefficients` belongs to the highest power."""
     values = list(coefficients)
     terms: list[str] = []
     for i, value in enumerate(values):
@@ -199,7 +205,7 @@ def polynomial_text(coefficients: Iterable[float]) -> str:
 
 
 def margins_text(assessments: Sequence[Assessment], certificates: Sequence[Certificate] = ()) -> str:
-    """Return a stability-margin report of each loop, with its certificate if there is one."""
+    """Return a text on the stability margins of each loop, and on its certificate if there is one."""
     parts: list[RenderableType] = []
     for assessment, certificate in zip_longest(assessments, certificates):
         parts += [*_assessment(assessment), *_certificate(certificate), ""]
@@ -240,7 +246,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
 
 
 def _certificate(certificate: Certificate | None) -> list[RenderableType]:
-    """Return the certified interval of each margin, with all digits of its ends."""
+    """Return a table of the certified interval of each margin, with all digits of both ends."""
     if certificate is None:
         return []
     if not certificate.stable:
@@ -312,7 +318,10 @@ def _decrease(m: Margins, digits: int) -> str:
 
 
 def _pade_part(assessment: Assessment) -> list[RenderableType]:
-    """Return a table of Pade approximations, or one line if the exact loop and all approximations are unstable."""
+    """Return a table that compares loops with Pade approximations of the dead time with the exact loop.
+
+    If the exact loop and all approximations are unstable, one line replaces the table.
+    """
     exact, orders = assessment.margins, assessment.pade
     if exact is None and all(row.margins is None for row in orders):
         first, last = orders[0].order, orders[-1].order
@@ -339,7 +348,7 @@ def _pade_cells(m: Margins | None) -> list[str]:
 
 
 def judgement_json(judgement: Judgement) -> dict[str, Any]:
-    """Return a judgement as JSON, with the margins of each operating point as `cases`."""
+    """Return a judgement as JSON; its key `cases` has the margins of each operating point without tolerances."""
     points = judgement.points
     operating = [points.case(int(i)) for i in np.flatnonzero(points.operating)]
     margins = [margins_json(assess(case.plant, judgement.controller, case.actuator)) for case in operating]
@@ -353,7 +362,7 @@ def judgement_text(judgement: Judgement) -> str:
 
 
 def judgement_parts(judgement: Judgement) -> list[RenderableType]:
-    """Return the blocks of `judgement_text`."""
+    """Return the parts of the text of `judgement_text`: heading, facts, tables and strings."""
     used, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
     operating = int(judgement.points.operating.sum())
     over = "At all speeds" if used is None or used <= min(judgement.envelope.speeds) else f"From {used:g} km/h up"
@@ -389,7 +398,10 @@ def envelope_text(envelope: Envelope) -> str:
 
 
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
-    """Yield name, value and case of the worst Ms and the smallest margins, at the speeds with all loops stable."""
+    """Yield name, value and case of the worst Ms and of the smallest margins.
+
+    Only speeds above which every loop is stable count, unless there are none.
+    """
     name, value, where = worst_cells(judged.worst)
     yield f"Worst {name}", value, where
     if not judged.nominal:
@@ -407,14 +419,14 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
 
 
 def worst_cells(worst: WorstCase) -> tuple[str, str, str]:
-    """Return name, value and case of the larger Ms of the continuous and the sampled loop."""
+    """Return name, value and case of the worst Ms, that of the continuous or the sampled loop, whichever is larger."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
         return f"Ms{_kind_of(worst)}", ms_text(worst.ms), worst.case.description
     return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.description}; continuous {ms_text(worst.ms)}"
 
 
 def _kind_of(worst: WorstCase) -> str:
-    """Return the suffix for margins of a sampled loop, or of a continuous one that also has a sampled loop."""
+    """Return ", sampled" for a sampled loop, ", continuous" for a loop that is also judged as sampled, otherwise ""."""
     return ", sampled" if isinstance(worst.loop, SampledLoop) else "" if worst.as_run is None else ", continuous"
 
 
@@ -433,7 +445,10 @@ def _map_table(judgement: Judgement) -> RenderableType:
 
 
 def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
-    """Return a design as JSON: gains, margins of every case, verdict; gains are null if it is infeasible."""
+    """Return a tuned design as JSON: gains, margins of every case, and the verdict over an envelope if given.
+
+    The gains are null if no gains meet the specification.
+    """
     design = tuned.design
     margins: Sequence[Margins | None] = [None] * len(tuned.points)
     worst = None
@@ -456,13 +471,13 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
 
 
 def by_rule_json(design: Design) -> dict[str, Any]:
-    """Return a controller whose parameters are computed from the vehicle, with its envelope verdict, as JSON."""
+    """Return a controller that was computed from the vehicle alone, and its verdict over an envelope, as JSON."""
     head = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.controller)}
     return {**head, "feasible": not design.reason, **design.judgement.table()}
 
 
 def by_rule_text(design: Design) -> str:
-    """Return a controller whose parameters are computed from the vehicle, with its envelope verdict, as text."""
+    """Return a controller that was computed from the vehicle alone, and its verdict over an envelope, as text."""
     control, rows = design.controller, []
     for name, field in type(control).model_fields.items():
         extra, value = field.json_schema_extra, getattr(control, name)
@@ -478,7 +493,7 @@ def by_rule_text(design: Design) -> str:
 
 
 def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
-    """Return a design as text with the margins of every case, or with its verdict over an envelope if given."""
+    """Return a tuned design as text, with its verdict over an envelope if given, otherwise with all margins."""
     design, points = tuned.design, tuned.points
     name = tuned.kind.title
     # if the design is infeasible, its reason names the operating points
@@ -512,7 +527,11 @@ def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) ->
 
 
 def no_lock_section(released: Sequence[Released]) -> Section | None:
-    """Return the section that certifies, for recorded stops, that the wheel does not lock after a brake release."""
+    """Return the report section on stops for which it is proved that a brake release prevents a lock.
+
+    It gives the share of the samples with this proof. Stops that cannot be certified are listed with the reason. None
+    if there are no stops.
+    """
     rows = []
     for item in released:
         if item.certified is None:

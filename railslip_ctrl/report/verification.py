@@ -1,6 +1,6 @@
-"""Verification as text and JSON, and runs judged by the Lyapunov conditions as text.
+"""Verification of a sliding-mode law as text and JSON, and a text on Lyapunov conditions along braking runs.
 
-The texts of conditions, evidence and conclusions are in `templates/conditions.toml`.
+The file `templates/conditions.toml` contains the texts of conditions, evidence and conclusions.
 """
 
 from __future__ import annotations
@@ -33,17 +33,23 @@ _CONSTANTS = {"inf": math.inf, "KMH": KMH}
 
 
 def statement(condition: Condition) -> str:
-    """Return the statement of a condition as text."""
+    """Return the text that states a condition."""
     return _with_numbers(_texts_of(condition)["statement"], condition.numbers)
 
 
 def evidence(condition: Condition) -> str:
-    """Return the evidence of a condition: an identity, numbers and their range, or the reason why it is not decided."""
+    """Return the evidence for the verdict on a condition: an identity, or numbers with their range.
+
+    For a condition that was not decided this is the reason.
+    """
     return _with_numbers(_texts_of(condition)["evidence"], condition.numbers)
 
 
 def conclusion_text(law: str, findings: Mapping[str, Any] | None) -> str:
-    """Return the conclusion for a brake with an actuator; empty if `findings` of the verification are None."""
+    """Return the conclusion for a brake with lag and dead time.
+
+    - law, findings: law and findings of the `Verification`; if `findings` is None, the conclusion is empty.
+    """
     return "" if findings is None else _with_numbers(_texts()["conclusion"][law], findings)
 
 
@@ -57,17 +63,19 @@ def _texts_of(condition: Condition) -> dict[str, str]:
 
 
 def _with_numbers(text: str, numbers: Mapping[str, Any]) -> str:
-    """Fill numbers into a text template and return it as one line."""
+    """Return a text template with its numbers filled in, as one line."""
     one_line = filled(_texts()["macros"]["text"] + text, {**_CONSTANTS, **numbers})
     return re.sub(r"(?<=\() | (?=[;,:)]|\.(?![\d.]))", "", one_line)
 
 
 def verification_json(verification: Verification) -> dict[str, Any]:
-    """Return a verification as JSON: the conditions in order, and whether all hold.
+    """Return a verification as JSON: the conditions in order, and whether all of them hold.
 
-    `holds` and `how` are None for a condition that was not decided. A law verified over a box also has `box`, and
-    `tolerances` with the largest value of each quantity while the others are as in the box. `down_to_kmh` and
-    `tolerated_errors` (ratios in both directions, None if unbounded) are those of `Condition`.
+    - conditions: `holds` and `how` are null if a condition was not decided. `down_to_kmh` is the lowest speed at which
+      it holds. `tolerated_errors` are the largest errors of the law's estimates, each alone and in both directions, as
+      ratios; null if unbounded.
+    - box: ranges of speed, slip and other quantities in which the conditions are checked; only for the predictive law.
+    - tolerances: for each quantity, the largest value at which all conditions hold while the others are as in `box`.
     """
     return {
         "conditions": [
@@ -90,9 +98,9 @@ def verification_json(verification: Verification) -> dict[str, Any]:
 
 
 def verification_text(verification: Verification, about: Sequence[tuple[str, str]] = ()) -> str:
-    """Return a verification as text: table of verdicts, conditions with evidence, failures and conclusion.
+    """Return a verification as text: table of verdicts, each condition with its evidence, verdict and conclusion.
 
-    - about: further rows of the header on vehicle and adhesion, as (name, value).
+    - about: further facts for the head of the report, such as vehicle and adhesion, as pairs (name, value).
     """
     known = Facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
@@ -116,7 +124,7 @@ def verification_text(verification: Verification, about: Sequence[tuple[str, str
 
 
 def _box(verification: Verification) -> list[RenderableType]:
-    """Return the box, and the table of the largest value of each quantity."""
+    """Return a paragraph on the box of the verification, and the table of the largest tolerance of each quantity."""
     box = verification.box
     speeds, masses = ("{:g} to {:g}".format(*box[name]) for name in ("speed_kmh", "mass_kg"))
     text = (
@@ -178,7 +186,11 @@ def _verdict(verification: Verification) -> str:
 
 
 def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:
-    """Return tables with a row for each case: share of time per condition, first violation, bounds reached."""
+    """Return three tables on braking runs, with a row for each case.
+
+    The tables give, for each Lyapunov condition, the share of time in which it holds and the time of its first
+    violation, and for each stage of the run the largest |s| and slip error of its last third.
+    """
     names = [condition.name for condition in cases[0][1].conditions]
     # rounded down, so that only a condition that always holds shows 100 %
     rows = [(name, *(f"{math.floor(1000 * item.share) / 10:.1f} %" for item in run.conditions)) for name, run in cases]

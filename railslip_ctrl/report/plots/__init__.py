@@ -1,4 +1,4 @@
-"""Matplotlib figures of results; this package computes no results, and only it uses matplotlib."""
+"""Matplotlib figures of results, computed elsewhere; no other package imports matplotlib."""
 
 from .designs import (
     bode_figure,

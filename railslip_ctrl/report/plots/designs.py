@@ -1,4 +1,4 @@
-"""Bode, Nyquist and Nichols diagrams of groups of loops with exact dead time, and pictures of design reports."""
+"""Figures of loops (Bode, Nyquist and Nichols diagrams, with exact dead time), of designs, and of design reports."""
 
 from __future__ import annotations
 
@@ -39,7 +39,11 @@ _TWO = -1 + 0.5 * _CIRCLE  # circle |1 + L| = 1/2; Ms is below 2 if L stays outs
 
 
 def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
-    """Draw a "bode", "nyquist" or "nichols" diagram of one loop over `band`, rad/s, by default its feature band."""
+    """Draw a diagram of one loop.
+
+    - kind: {"bode", "nyquist", "nichols"}.
+    - band: frequencies, rad/s, of which only the lowest and the highest are used; default: the loop's feature band.
+    """
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     margins, unstable = loop.margins() if loop.is_stable() else None, loop.unstable_closed_loop_poles
     # the diagrams need an assessment; this one has no operating point
@@ -49,7 +53,7 @@ def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) 
 
 
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
-    """Title that identifies the figure without its report."""
+    """Title that says which vehicle, adhesion law and slips a figure shows, so that it can stand alone."""
     first: Any = groups[0].assessments[0]
     point = first.point
     if point is None:
@@ -64,13 +68,13 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
 
 
 def _new_figure(groups: tuple[ControllerGroup, ...], height: float, lines_each: int = 1) -> Figure:
-    """New figure; `height`, inches, does not include the legends."""
+    """New figure whose height is `height`, inches, plus space for the legends."""
     height += 0.15 * lines_each * max(len(group.assessments) for group in groups)
     return style.new_figure(height, _title(groups))
 
 
 def _column(groups: tuple[ControllerGroup, ...]) -> float:
-    """Width of a column of panels with its axis labels, inches."""
+    """Width of one column of panels, including its axis labels, inches."""
     return (style.PAGE_WIDTH - 0.3) / max(len(groups), 2)
 
 
@@ -87,7 +91,7 @@ def _lines(group: ControllerGroup) -> list[tuple[Assessment, FrequencyCurve, dic
 
 
 def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
-    """Plot magnitude and continuous phase of L(j omega) for every group, with gain crossovers."""
+    """Plot the Bode diagrams of groups of loops, with a column for each group and marks at the gain crossovers."""
     figure = _new_figure(groups, 4.5)
     axes = style.panels(figure, 2, len(groups), sharex="col", sharey="row")
     for column, group in enumerate(groups):
@@ -105,7 +109,7 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 
 
 def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
-    """Plot magnitude, continuous phase and the Nyquist curve near -1 of labelled loops (`ShownLoop`)."""
+    """Plot the Bode diagram and the Nyquist curve near -1 of loops (`ShownLoop`)."""
     figure = style.new_figure(3.1 + 0.15 * len(loops), title)
     magnitude, phase, near = style.panels(figure, 1, 3)[0]
     for i, shown in enumerate(loops):
@@ -124,7 +128,7 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
 
 
 def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, look: dict[str, Any]) -> None:
-    """Draw magnitude and continuous phase, and mark the gain crossovers."""
+    """Draw magnitude and phase (without jumps of 360 deg) of a loop, and mark its gain crossovers."""
     at = np.searchsorted(curve.omega, loop.gain_crossovers)
     at = at[at < curve.omega.size]
     for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
@@ -134,7 +138,7 @@ def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, lo
 
 
 def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
-    """Draw lines at odd multiples of 180 deg, and limit the phase axis to phases at which |L| is not far from 1."""
+    """Draw lines at odd multiples of 180 deg, and limit the phase axis to the range of `_visible_phases`."""
     low, high = _visible_phases(curves)
     ax.set_ylim(low - 20, high + 20)
     ax.yaxis.set_major_locator(MultipleLocator(90))
@@ -143,7 +147,7 @@ def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
 
 
 def _visible_phases(curves: tuple[FrequencyCurve, ...]) -> tuple[float, float]:
-    """Range of the phase, deg, where |L| is within 40 dB of 1; at most 540 deg."""
+    """Lowest and highest phase, deg, at frequencies where |L| is -40 to 40 dB; at most the upper 540 deg of them."""
     shown = np.concatenate([c.phase_deg[np.abs(c.magnitude_db) < 40] for c in curves])
     if shown.size == 0:
         shown = np.concatenate([c.phase_deg for c in curves])
@@ -151,13 +155,16 @@ def _visible_phases(curves: tuple[FrequencyCurve, ...]) -> tuple[float, float]:
 
 
 def _critical(low: float, high: float) -> list[float]:
-    """Odd multiples of 180 deg from just below `low` to just above `high`."""
+    """Odd multiples of 180 deg from `low` - 30 deg to `high` + 30 deg."""
     first, last = int(np.floor((low - 210) / 360)), int(np.ceil((high - 150) / 360))
     return [180.0 + 360.0 * k for k in range(first, last + 1) if low - 30 <= 180 + 360 * k <= high + 30]
 
 
 def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
-    """Plot L(j omega) for -inf < omega < inf: whole curve (radius compressed), and neighbourhood of -1."""
+    """Plot the Nyquist curves of groups of loops, with a column for each group.
+
+    The upper panel shows the whole curve with a compressed radius, the lower one the curve near -1.
+    """
     beside = _column(groups) > 3.0  # inches; the legend of a loop then fits on one line
     side = _column(groups) - 0.55  # inches, side of the axes without their labels
     figure = _new_figure(groups, 2.3 + 2 * side, 1 if beside else 2)
@@ -184,7 +191,7 @@ def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 
 
 def _compressed(response: Any) -> Any:
-    """Map the radius to |L|/(1 + |L|): -1 moves to -1/2, infinity to the rim; the phase stays."""
+    """Map L to L/(1 + |L|), which has the same phase: -1 is drawn at -1/2, and infinity on the unit circle."""
     return response / (1 + np.abs(response))
 
 
@@ -195,7 +202,7 @@ def _encirclements(assessment: Assessment) -> str:
 
 
 def _nyquist_line(ax: Any, response: Any, look: dict[str, Any]) -> None:
-    """Draw positive frequencies thick and with arrows, negative ones thin."""
+    """Draw a Nyquist curve: positive frequencies as a thick line with arrows, negative ones as a thin line."""
     ax.plot(response.real, response.imag, linewidth=1.4, **look)
     ax.plot(response.real, -response.imag, linewidth=0.6, **look)
     visible = np.flatnonzero((np.abs(response.real + 1) < 2) & (np.abs(response.imag) < 1.9) & (np.abs(response) > 0.1))
@@ -215,7 +222,7 @@ def _arrow(ax: Any, tail: complex, head: complex, look: dict[str, Any]) -> None:
 
 
 def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, look: dict[str, Any]) -> None:
-    """Draw the arc at infinity, clockwise from omega = 0- to 0+: 180 deg for each pole at the origin."""
+    """Draw the part of the Nyquist curve at infinity, which turns clockwise by 180 deg for each pole at the origin."""
     integrators = loop.integrators
     if integrators == 0:
         return
@@ -244,7 +251,10 @@ def _decorate_near(ax: Any) -> None:
 
 
 def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
-    """Plot magnitude over continuous phase, with critical points and the contour Ms = 2 around them."""
+    """Plot the Nichols diagrams of groups of loops, with a panel for each group.
+
+    Marks show the points L = -1, and the contours around them show Ms = 2.
+    """
     figure = _new_figure(groups, 3.7)
     axes = style.panels(figure, 1, len(groups), sharex=True, sharey=True)
     low, high = _visible_phases(tuple(curve for group in groups for curve in group.curves))
@@ -288,7 +298,13 @@ def region_figure(
     kp_unit: str,
     ki_unit: str,
 ) -> Figure:
-    """Plot the stabilising set of (kp, ki) with contours of worst Ms, phase and delay margin, and chosen gains."""
+    """Plot the region of gains kp and ki that stabilise, with contours of Ms, phase margin and delay margin.
+
+    - strips: parts of the region.
+    - grid: margins over the gains.
+    - chosen: gains (kp, ki) that are marked, by label.
+    - kp_unit, ki_unit: units for the axes.
+    """
     figure = style.new_figure(3.3 + 0.14 * len(chosen), title)
     axes = style.panels(figure, 1, 3, sharex=True, sharey=True)[0]
     mesh = _mesh(strips, grid)
@@ -315,7 +331,7 @@ def region_figure(
 
 
 def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
-    """Limit the axes if the region is unbounded."""
+    """Limit the axes of a region of gains if the region has no bound."""
     cut = max((float(strip.ki_high.max()) for strip in strips if strip.ki_cut), default=None)
     if cut is not None:
         ax.set_ylim(0.0, cut)
@@ -328,9 +344,9 @@ def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Triangles over the stable points of a grid and the edge of the stabilising set, where every margin is 0.
+    """Triangles between the stable points of a grid of gains and the edge of the stabilising region.
 
-    On a rectangular grid a slanted edge has steps, and contours near the edge would not be smooth.
+    At the edge every margin is 0. Contours on the rectangular grid alone would have steps along an inclined edge.
     """
 
     triangles: Triangulation
@@ -338,12 +354,12 @@ class _Mesh:
     edge: int
 
     def values(self, field: Any) -> Any:
-        """Values of a quantity at the points of the mesh, 0 at the edge."""
+        """Values of a quantity at the points of the mesh, from its values `field` on the grid; 0 at the edge."""
         return np.concatenate([field[self.inside], np.zeros(self.edge)])
 
 
 def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
-    """Mesh of the stable points; None if there are too few of them."""
+    """Mesh of the stable points of the grid; None if there are too few of them."""
     inside = np.isfinite(grid.ms) & np.isfinite(grid.phase_deg) & np.isfinite(grid.delay_s)
     if not strips or inside.sum() < 4:
         return None
@@ -365,7 +381,7 @@ def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
 
 
 def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str], marks: Iterable[Any]) -> None:
-    """Draw contours of a quantity that is 0 at the edge; their labels keep a distance from `marks`."""
+    """Draw contours of a quantity that is 0 at the edge of the region; their labels avoid the points `marks`."""
     if mesh is None or not levels:
         return
     look = {"colors": "0.25", "linewidths": 0.8, "linestyles": "-"}
@@ -374,7 +390,7 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
 
 
 def _number_contours(ax: Any, lines: Any, labels: Mapping[float, str], marks: Iterable[Any]) -> None:
-    """Put the label of each contour at its point farthest from other labels and marks."""
+    """Label each contour at the point that is farthest from all other labels and from `marks`."""
     ax.get_xlim()  # applies pending limits of the axes
     to_axes = ax.transData - ax.transAxes
     taken = [to_axes.transform(mark) for mark in marks]
@@ -392,7 +408,7 @@ def _number_contours(ax: Any, lines: Any, labels: Mapping[float, str], marks: It
 
 
 def _round_levels(values: Any) -> dict[float, str]:
-    """Round contour levels between two quantiles of a quantity, so that flat parts have no contours."""
+    """Contour levels with round numbers; the highest and the lowest values of the quantity get no contours."""
     finite = values[np.isfinite(values)]  # without a crossover a margin is infinite
     if not (finite.size and finite.max() > 0):
         return {}
@@ -409,7 +425,10 @@ def _ms_levels(ms: Any) -> list[float]:
 
 
 def sweep_figure(sweeps: Sequence[MarginSweep], *, title: str) -> Figure:
-    """Plot Ms, phase margin, delay margin and rightmost plant pole along each sweep; unstable loops leave a gap."""
+    """Plot margins over speed, slip or another axis: Ms, phase margin, delay margin, and rightmost pole of the plant.
+
+    Each sweep has a column. A line has a gap where its loop is unstable.
+    """
     figure = style.new_figure(7.2, title)
     # sweeps over speed and over slip have separate axes, because their poles differ in size; two rails share the axes
     alike = len({sweep.axis for sweep in sweeps}) == 1
@@ -449,7 +468,11 @@ def response_figure(
     reference_label: str,
     load_label: str,
 ) -> Figure:
-    """Plot output and control of named designs after a reference step and a load step, with exact dead time."""
+    """Plot slip velocity and commanded torque of designs after a step of the reference and after a step of the load.
+
+    - reference, load: responses to the two steps, by name of the design.
+    - reference_label, load_label: titles that describe the steps.
+    """
     figure = style.new_figure(4.4, title)
     axes = style.panels(figure, 2, 2, sharex="col")
     for column, (responses, label) in enumerate(((reference, reference_label), (load, load_label))):
@@ -468,7 +491,7 @@ def response_figure(
 
 
 def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
-    """Limit the axis of a command whose initial peak is far from its later values, and print the peak value."""
+    """If the command has a high peak at the start, cut the peak off, and print its value."""
     if not responses:
         return
     later = np.concatenate([response.control[response.time > _KICK * response.time[-1]] for response in responses])
@@ -483,7 +506,7 @@ def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
 
 
 def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figure:
-    """Plot magnitudes |S|, |T|, |PS| and |CS| of named designs."""
+    """Plot |S|, |T|, |PS| and |CS| over frequency, with a line for each design."""
     fields = {
         "s": "|S|, sensitivity (-)",
         "ps": "|PS|, command disturbance to slip velocity ((m/s)/(N·m))",
@@ -494,9 +517,10 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
 
 
 def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float = 0.0) -> Figure:
-    """Plot worst Ms over speed and load, at the operating points and with tolerances, for named controllers.
+    """Plot the worst Ms over speed and load, at the operating points and with tolerances, with a row per controller.
 
-    A dashed line marks `hand_over_kmh`, km/h, below which slip is not controlled.
+    - maps: worst Ms by name of the controller.
+    - hand_over_kmh: hand-over speed, km/h, which a dashed line marks; below it slip is not controlled.
     """
     figure = style.new_figure(0.7 + 2.6 * len(maps), title)
     axes = style.panels(figure, len(maps), 2, sharex="col")
@@ -516,7 +540,7 @@ def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float
 
 
 def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
-    """Draw a grid of cells with their Ms; an unstable cell is black."""
+    """Draw a cell for each speed and load, with its worst Ms; a cell with an unstable loop is black."""
     shown = np.where(np.isinf(worst), _MS_TOP, np.minimum(worst, _MS_TOP))
     ax.imshow(shown, cmap="Greys", vmin=1.0, vmax=_MS_TOP, aspect="auto", origin="lower")
     for i, j in np.ndindex(*worst.shape):
@@ -536,7 +560,7 @@ _POINT = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "markeredge
 
 
 def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
-    """Return functions that draw the figures, by name; figures without content are left out."""
+    """Return, for each figure of a design report, a function that draws it, by name; empty figures are left out."""
     drawings: dict[str, Callable[[], Figure]] = {}
     if report.judgement is not None and report.best is not None and report.best.design is not None:
         judged, name = report.judgement, report.best.design.structure

@@ -1,7 +1,4 @@
-"""Figures of an identification, of adhesion-torque observers, and of a test on the virtual rig.
-
-Figures of an identification show mu over slip with the fitted models, the peak over speed, and parameters over v0.
-"""
+"""Figures of an identification, of observers of the adhesion torque, and of a test on the virtual rig."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ _MODELS_SHOWN = 4  # largest number of models in a figure
 
 
 def adhesion_figure(result: Sequence[Identification]) -> Figure:
-    """Plot mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
+    """Plot mu over slip, a panel for each log: maximum, mean and minimum in each bin of slip, and fitted models."""
     columns = min(len(result), 2)
     title = f"Adhesion coefficient over slip: {result[0].vehicle.name}, {result[0].setting.rail} rail"
     figure, axes = style.grid_of(len(result), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
@@ -76,11 +73,11 @@ def _adhesion(ax: Any, result: Identification, columns: int) -> None:
 
 
 def drift_figure(result: Identification) -> Figure:
-    """Plot slip and height of the peak over speed with 95 % intervals, and the reference slip, by rail condition.
+    """Plot the slip and the mu of the adhesion peak over train speed, for each rail, with the reference slip.
 
-    Hollow marks do not come from the log: they are the model at other initial speeds, or on wet rail by the rule of the
-    law, which gives no interval. The height is compared with the curve of Curtius and Kniffler for locomotives on dry
-    rail.
+    Peaks at the speed of the log have filled marks. Hollow marks are extrapolated to other speeds, or computed for wet
+    rail from the dry law. Error bars are 95 % intervals; peaks computed from the dry law have none. The curve of
+    Curtius and Kniffler (largest mu of locomotives on dry rail) is drawn for comparison.
     """
     title = f"Peak of {result.chosen.fit.model.name} over speed: {result.curve.name.rsplit('/', 1)[-1]}"
     figure = style.new_figure(4.2, title)
@@ -102,7 +99,7 @@ def drift_figure(result: Identification) -> Figure:
 
 
 def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
-    """Draw the peaks on one rail; either all are from the log, or all follow from the law's rule."""
+    """Draw the peaks on one rail over speed; all are from the log, or all are computed from the law of dry rail."""
     rail = peaks[0].rail
     look, where = style.rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
     speed, values, ends, mu, mu_ends, reference = (
@@ -118,7 +115,7 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
 
 
 def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label: str, look: dict[str, Any]) -> None:
-    """Draw a line through values over speed with marks, and error bars for values from the log."""
+    """Draw values over speed as a line with marks; values from the log get error bars."""
     speed, values, ends = data
     if peaks[0].by_rule:
         ax.plot(speed, values, marker="D", markersize=4, fillstyle="none", label=label, **look)
@@ -133,7 +130,7 @@ def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label
 
 
 def braking_figure(result: Identification) -> Figure:
-    """Plot the log's longest braking over time: speeds, brake torque, observed adhesion torque and slip."""
+    """Plot the longest braking of a log over time: speeds, brake torque, observed adhesion torque, and slip."""
     run = time_history_of(result.curve.record, result.vehicle, result.curve.time_constant)
     figure = style.new_figure(5.6, f"Longest braking of {result.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
     speed, torque, slip = style.panels(figure, 3, 1, sharex=True)[:, 0]
@@ -155,9 +152,9 @@ def braking_figure(result: Identification) -> Figure:
 def coefficients_figure(
     result: LogSeries, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
 ) -> Figure:
-    """Plot each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
+    """Plot each parameter over the initial speed: its value for each log with a 99 % interval, and the polynomial.
 
-    - beside: label, and function of the speed, km/h, that returns other values of all parameters, for a second line.
+    - beside: label of a second line, and a function that returns other values of all parameters at a speed, km/h.
     """
     count, first = len(result.polynomials), result.logs[0].chosen.fit
     title = f"Parameters of {first.model.name} over the initial speed v0"
@@ -182,7 +179,11 @@ def coefficients_figure(
 def estimates_figure(
     trial: BrakeTrial, time: Floats, estimates: Mapping[str, Floats], errors: Mapping[str, Floats], *, title: str
 ) -> Figure:
-    """Plot a brake trial: true speeds and torques, estimates at `time`, s, and their errors, N*m."""
+    """Plot a simulated braking: true speeds and torques, and estimates of the adhesion torque with their errors.
+
+    - time: times of the estimates, s, (n,).
+    - estimates, errors: estimates and their errors by name of the observer, N*m, (n,).
+    """
     figure = style.new_figure(4.2 + 1.1 * len(estimates), title)
     axes = style.panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[
         :, 0
@@ -208,7 +209,7 @@ def estimates_figure(
 
 
 def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, title: str) -> Figure:
-    """Plot the gain from true adhesion torque, brake torque and sensor noise to the estimate over frequency."""
+    """Plot the gain of observers over frequency: from adhesion torque, brake torque and noise to the estimate."""
     fields = {
         "adhesion": "from the adhesion torque (N·m per N·m)",
         "brake": "from the brake torque (N·m per N·m)",
@@ -222,7 +223,10 @@ def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, tit
 
 
 def rig_test_figure(log: Rows, *, radius: float, title: str) -> Figure:
-    """Plot speeds of train and wheel rim (km/h), slip ratio and brake torque (kN*m) over time; `radius` in m."""
+    """Plot a log over time: speeds of train and wheel rim (km/h), slip ratio, and brake torque (kN*m).
+
+    - radius: wheel radius, m.
+    """
     figure = style.new_figure(6.0, title)
     speeds, slip, torque = style.panels(figure, 3, sharex=True)[:, 0]
     names = ("time", "train_speed", "wheel_angular_speed", "brake_torque")

@@ -1,4 +1,4 @@
-"""Redraw the figures of [Park2008]: adhesion models (13 to 15, 17) and braking runs (18 to 21)."""
+"""Figures of [Park2008], drawn again: adhesion models (Figs. 13 to 15, 17) and braking runs (Figs. 18 to 21)."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle, steady"}
 
 
 def model_figures(curves: Sequence[ModelCurve]) -> dict[str, Figure]:
-    """Return Fig. 13, and Figs. 14 and 15 in one (dry rail, by initial speed), by file name."""
+    """Return figures of the adhesion models on dry rail by file name: Fig. 13, and one figure for Figs. 14 and 15."""
     return {"fig_13": _models_by_speed(curves), "figs_14_15": _speeds_by_model(curves)}
 
 
 def run_figures(runs: Mapping[str, Run]) -> dict[str, Figure]:
-    """Return Figs. 18 to 21 with recorded runs of the four columns of Table 5, by file name."""
+    """Return Figs. 18 to 21 by file name; `runs` has a recorded run for each of the four columns of Table 5."""
     return {
         "fig_18": _speeds(18, {name: run for name, run in runs.items() if name.startswith("PI")}),
         "fig_19": _speeds(19, {name: run for name, run in runs.items() if name.startswith("ASMC")}),
@@ -153,7 +153,10 @@ def _slips(runs: Mapping[str, Run]) -> Figure:
 def _by_controller(
     figure: Figure, runs: Mapping[str, Run], label: str, draw: Callable[[Any, int, str, Run], None]
 ) -> Figure:
-    """Draw a panel for each kind of controller; `draw` receives the index of the run in its panel."""
+    """Draw a panel for each kind of controller (PI, ASMC), and call `draw` for each run of this kind.
+
+    `draw` gets the axes, the number of the run within its panel, from 0, the name of the run, and the run.
+    """
     kinds = list(dict.fromkeys(name.split()[0] for name in runs))
     axes = style.panels(figure, len(kinds), sharex=True, sharey=True)[:, 0]
     for ax, kind in zip(axes, kinds, strict=True):
@@ -179,7 +182,7 @@ def _seeded(runs: Mapping[str, Run]) -> str:
 
 
 def deviations_figure(comparison: Table5) -> Figure:
-    """Plot the deviation from Table 5 by column and quantity, with two standard errors."""
+    """Plot the deviation of each computed number from Table 5, %, with bars of two standard errors."""
     groups: dict[str, list[tuple[str, float, float]]] = {}
     for row in comparison.rows:
         _, column, quantity = row.item.split(" / ")

@@ -1,4 +1,4 @@
-"""Figures of braking runs over time, comparisons of controllers, Lyapunov functions along runs, and campaigns."""
+"""Figures of braking runs, of comparisons of controllers, of Lyapunov functions along runs, and of campaigns."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 
 
 def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
-    """Plot braking distance and mean slip error of every controller by scenario, with the bound of the distance."""
+    """Plot mean braking distance, with its bound, and mean slip error of every controller, one row per scenario."""
     seeds = ", ".join(dict.fromkeys(f"{len(item.seeds)}" for item in comparisons))
     title = f"Braking distance and slip error, means over {seeds} seeds"
     figure = style.new_figure(0.4 + 2.7 * len(comparisons), title)
@@ -70,9 +70,9 @@ _ENOUGH_SLIP = 1.3  # top of the slip axis over the larger of reference slip and
 
 
 def simulation_figure(run: Run) -> Figure:
-    """Plot speeds, slip with its reference, commanded and acting torque, and adhesion coefficient over time.
+    """Plot a recorded run over time: speeds, slip with its reference, commanded and acting torque, and mu.
 
-    Needs `run.signals`. A vertical line marks each event that occurred.
+    A dotted vertical line marks each event that occurred.
     """
     signals = recorded(run)
     name = f"{run.scenario.name}, {run.controller.label}: {run.outcome.value} at {run.braking_time:.4g} s"
@@ -106,10 +106,11 @@ def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
 
 
 def no_lock_figure(result: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: str) -> Figure:
-    """Plot certified no-lock regions: below the line of a speed the wheel certainly does not lock after a release.
+    """Plot no-lock regions and runs, torque over slip, with a panel for each entry of `result`.
 
-    The run is a line of samples, with a mark at the first sample below each speed; the mark is filled if the sample is
-    certified.
+    Each speed has a line. Below this line, it is proved that the wheel does not lock at this speed if the brake is
+    released. A grey line shows the run, with a cross at each sample that is not certified. A mark shows where the run
+    reaches each speed; it is filled if the sample is certified.
     """
     legend = "below a line the wheel certainly does not lock if the brake is released; marks: the run at these speeds"
     figure = style.new_figure(3.9, f"{title}; {legend}")
@@ -133,7 +134,7 @@ def no_lock_figure(result: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: s
 
 
 def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
-    """Draw speeds, slip and torque in rows, and runs in columns; axis labels state if a line is clipped."""
+    """Draw speeds, slip and torque in three rows of axes, and each run in its own column."""
     slips, torques, highest = [], [1.0], [0.0]
     for (speed, slip, torque), run in zip(axes.T, runs, strict=True):
         signals = recorded(run)
@@ -157,7 +158,7 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
 
 
 def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float = 0.0, what: str = "") -> None:
-    """Set the axes of a row from 0 to `top`, with a note in the label if values are higher."""
+    """Limit the y axes of a row to 0 to `top`; if the `highest` value is larger, the label says "`what` clipped"."""
     row[0].set(
         ylim=(0.0, top if highest > top else None), ylabel=f"{label}\n{what} clipped" if highest > top else label
     )
@@ -165,7 +166,7 @@ def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float
 
 
 def recorded(run: Run) -> Signals:
-    """Return the signals of a run that was recorded."""
+    """Return the signals of a run, which must have been recorded."""
     assert run.signals is not None, "the run was recorded"
     return run.signals
 
@@ -180,11 +181,18 @@ _BLOCKS = 150  # least number of intervals of a run, so that spikes from noise a
 
 
 _Curve = tuple[str, str, bool, Callable[[Any], Floats]]
-"""Label, scale of the axis, true if only the largest value of each interval is drawn, function of the signals."""
+"""A curve over time: axis label, axis scale, whether to draw only the largest value of each interval, and function.
+
+The function computes the values of the curve from the signals of a run.
+"""
 
 
 def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
-    """Plot s, V, s s', and the bound of (40) over K + D|s|; for all but s the largest value of each interval."""
+    """Plot along runs: s, the Lyapunov function V, s s', and the ratio of both sides of condition (40) of [Park2008].
+
+    If the ratio is above 1, condition (40) does not hold. Except for s, only the largest value of each time interval is
+    drawn.
+    """
     curves: tuple[_Curve, ...] = (
         ("s (m/s)", "linear", False, lambda x: x.s),
         ("V ((m/s)²)", "log", True, lambda x: np.maximum(x.V, _LEAST)),
@@ -198,7 +206,10 @@ def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -
 
 
 def adaptation_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
-    """Plot V of (46) with its rate, and the estimates with the true theta, along runs of the adaptive law."""
+    """Plot the Lyapunov function V of (46) of [Park2008], its rate, and the estimates of theta along runs.
+
+    The runs are those of the adaptive law. The true values of theta are drawn too.
+    """
     curves: tuple[_Curve, ...] = (
         ("V ((m/s)²)", "log", False, lambda x: x.V),
         ("V', theta\nconstant (m²/s³)", "symlog", True, lambda x: x.V_rate_constant),
@@ -216,7 +227,7 @@ def adaptation_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> F
 def _along_runs(
     cases: Sequence[tuple[str, LyapunovRun]], title: str, curves: Sequence[_Curve]
 ) -> tuple[Figure, NDArray[Any]]:
-    """Plot curves over time, with a panel for each curve and a line for each case."""
+    """Plot curves over time, with a panel for each curve and a line for each run."""
     longest = max(float(judged.signals.time[-1]) for _, judged in cases)
     interval = max(round(10 * longest / _BLOCKS), 1) / 10  # s, a multiple of 0.1 s that is visible in the picture
     figure = style.new_figure(8.0, f"{title}: the largest in each {interval:g} s")
@@ -250,7 +261,10 @@ _LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # white outline, so 
 
 
 def distributions_figure(summary: CampaignSummary) -> Figure | None:
-    """Plot histogram and distribution function of four measures over the runs that stopped; None without such runs."""
+    """Plot density and distribution function of distance, slip error, highest slip and energy over a campaign's runs.
+
+    Only runs that stopped count; None if there are none.
+    """
     if not summary.any_stopped:
         return None
     figure = style.new_figure(0.9 + 1.5 * len(_SHOWN), _title(summary))
@@ -279,9 +293,10 @@ def distributions_figure(summary: CampaignSummary) -> Figure | None:
 
 
 def scatter_figure(summary: CampaignSummary) -> Figure | None:
-    """Plot the ranking measure over each varied quantity, and label the worst runs with their numbers.
+    """Plot the measure by which runs are ranked over each varied quantity.
 
-    None if nothing is varied or no run stopped.
+    Rings mark the worst runs of each controller, and a run number the worst of them. None if no quantity is varied or
+    no run stopped.
     """
     heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     if not heads or not summary.any_stopped:
@@ -311,7 +326,7 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
 
 
 def replay_figure(replayed: Replay) -> Figure:
-    """Plot speeds, slip and torque of a repeated run, for each controller."""
+    """Plot speeds, slip and torque of one repeated run of a campaign, with a column for each controller."""
     runs = {
         f"{name}: {run.outcome.value} after {run.braking_distance:.0f}\u00a0m, {run.braking_time:.1f}\u00a0s": run
         for name, run in replayed.runs.items()
@@ -324,13 +339,16 @@ def _title(summary: CampaignSummary) -> str:
 
 
 def _dotted(head: str) -> str:
-    """Return a column's name and unit for an axis."""
+    """Turn a column title into an axis label, with signs for multiplication and for a missing unit."""
     label = head.replace("_", " ").replace("*", "·")
     return label if "(" in head else f"{label} (-)"
 
 
 def tail_figure(result: RareEvent | ConfidenceLevels) -> Figure:
-    """Plot the probability of a worse value over the value, its interval, and plain Monte Carlo where it has runs."""
+    """Plot the probability that a stop is worse than a value, over this value, with its 95 % interval.
+
+    Estimates by plain Monte Carlo are added for values that are exceeded often enough.
+    """
     tail, figure = result.tail, style.new_figure(3.6, str(result))
     ax = style.panels(figure)[0, 0]
     reached = tail.value > 0.0

@@ -1,4 +1,4 @@
-"""Common style of all figures: width, size of letters, line styles that differ in grey print, saving."""
+"""Common style of all figures: their width, sizes of letters, lines that differ in grey print, and saving."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PAGE_WIDTH = 6.7
-"""Width of every figure, inches: the text width of an A4 page (17 cm), so that letters have their size in print."""
+"""Width of every figure, inches: the text width of an A4 page (17 cm).
+
+A figure is therefore printed without scaling, and its letters have the sizes given here.
+"""
 
 SMALL, TEXT, TITLE = 7.0, 8.0, 8.5  #: points: ticks and legends, axis labels and panel titles, the figure's title
 GRID = {"color": "0.88", "linewidth": 0.6}  #: style of grid lines
@@ -55,12 +58,12 @@ def rail_style(rail: Rail) -> dict[str, Any]:
 
 
 def mark_style(i: int) -> dict[str, Any]:
-    """Return colour and marker of point number `i`, without a line."""
+    """Return colour and marker of the marks of data set number `i`, which has no line."""
     return {"color": line_style(i)["color"], "marker": _MARKERS[i % len(_MARKERS)], "linestyle": "none"}
 
 
 def new_figure(height: float, title: str) -> Figure:
-    """Return a figure without a window, with the width of a page and a `height` in inches."""
+    """Return an empty figure with a title, as wide as a page and `height` inches high; no window opens."""
     figure = Figure(figsize=(PAGE_WIDTH, height), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(folded(title, PAGE_WIDTH - 0.1, TITLE), fontsize=TITLE)
@@ -68,7 +71,10 @@ def new_figure(height: float, title: str) -> Figure:
 
 
 def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> NDArray[Any]:
-    """Return axes with standard letter sizes, shape (rows, columns); `options` are those of `Figure.subplots`."""
+    """Divide a figure into axes with standard letter sizes, and return them as an array (rows, columns).
+
+    `options` are those of `Figure.subplots`.
+    """
     axes: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
         ax.tick_params(which="both", labelsize=SMALL)
@@ -82,7 +88,10 @@ def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> N
 def grid_of(
     count: int, columns: int, title: str, height: tuple[float, float], **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """Return a figure with `count` panels in `columns`; `height`: inches for title and legend, and for each row."""
+    """Return a figure and its `count` panels, which are arranged in a number of `columns`.
+
+    - height: height of title and legend together, and height of each row of panels, inches.
+    """
     rows = -(-count // columns)
     figure = new_figure(height[0] + height[1] * rows, title)
     axes = panels(figure, rows, columns, **options).ravel()
@@ -92,7 +101,12 @@ def grid_of(
 
 
 def magnitudes_figure(records: Mapping[str, Any], fields: Mapping[str, str], title: str, height: float) -> Figure:
-    """Plot magnitudes of named records over `omega`, rad/s; `fields` has the names of their fields with titles."""
+    """Plot |x| over frequency for some fields x of records, with a panel for each field and a line for each record.
+
+    - records: records by name; each has the frequencies `omega`, rad/s.
+    - fields: title of the panel by field name.
+    - height: height of the figure, inches.
+    """
     figure, axes = grid_of(len(fields), 2, title, (0.0, height / 2), sharex=True)
     for ax, (field, label) in zip(axes, fields.items(), strict=True):
         absent = []
@@ -114,13 +128,13 @@ def magnitudes_figure(records: Mapping[str, Any], fields: Mapping[str, str], tit
 
 
 def folded(text: str, inches: float, size: float = TEXT) -> str:
-    """Wrap a text to a width in inches at a size in points; existing line ends are kept."""
+    """Wrap a text to a width of `inches`, for letters of `size` points; existing line ends are kept."""
     width = max(int(72 * inches / (_LETTER * size)), 8)
     return "\n".join("\n".join(textwrap.wrap(line, width, break_long_words=False)) for line in text.split("\n"))
 
 
 def legend_below(ax: Any, drop: float = 0.2, columns: int = 1, **options: Any) -> None:
-    """Put a legend below the axes; `drop` is the distance in heights of the axes."""
+    """Put a legend below the axes; `drop` is its distance from the axes over the height of the axes, a ratio."""
     anchor = {"loc": "upper center", "bbox_to_anchor": (0.5, -drop)}
     ax.legend(ncols=columns, handlelength=_HANDLE, **anchor, **_LEGEND, **options)
 
@@ -131,16 +145,16 @@ def legend_beside(ax: Any) -> None:
 
 
 def legend_of_figure(figure: Figure, ax: Any, columns: int = 1, **options: Any) -> None:
-    """Put one legend below all panels, with the lines of `ax`."""
+    """Put one legend below all panels of a figure; it lists the lines of `ax`."""
     handles, labels = ax.get_legend_handles_labels()
     shape: dict[str, Any] = {"ncols": max(min(columns, len(labels)), 1), "handlelength": _HANDLE}
     figure.legend(handles, labels, loc="outside lower center", **shape, **_LEGEND, **options)
 
 
 def plain_ticks(ax: Any, most: int) -> None:
-    """Set at most `most` ticks on the x axis, with full numbers instead of an offset.
+    """Set at most `most` ticks on the x axis, each with its full number (no offset at the end of the axis).
 
-    The axis spans at least a millionth of the values, so that the numbers stay short.
+    If the values differ by less than a millionth, the axis is extended, so that the numbers need few digits.
     """
     low, high = ax.get_xlim()
     short = _LEAST_SPAN * max(abs(low), abs(high)) - (high - low)
@@ -151,7 +165,7 @@ def plain_ticks(ax: Any, most: int) -> None:
 
 
 def plain_log_ticks(axis: Any) -> None:
-    """Set ticks at 0.2, 0.5, 1 and so on instead of powers of ten if the axis spans few decades."""
+    """If a logarithmic axis spans few decades, set ticks at 0.2, 0.5, 1, 2, 5, ... instead of powers of ten."""
     low, high = axis.get_view_interval()
     if high > _PLAIN_SPAN * low:
         return
@@ -162,26 +176,29 @@ def plain_log_ticks(axis: Any) -> None:
 
 
 def sparse_log_ticks(axis: Any) -> None:
-    """Set minor ticks only at 2 and 5 of every decade, because nine ticks merge in print."""
+    """On a logarithmic axis, set minor ticks only at 2 and 5 of each decade, because more ticks merge in print."""
     axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     axis.set_minor_formatter(NullFormatter())
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the path's suffix; the same figure gives the same file."""
+    """Write a figure to a file, in the format of its suffix; equal figures give identical files."""
     path.write_bytes(figure_bytes(figure, path.suffix.removeprefix(".")))
 
 
 @contextmanager
 def standard_settings() -> Iterator[None]:
-    """Draw with Matplotlib's defaults, because a user's matplotlibrc may need LaTeX or fonts that are missing."""
+    """Inside the `with` block, use Matplotlib's default settings.
+
+    A user's matplotlibrc may need LaTeX or fonts that are missing.
+    """
     with rc_context():
         rcdefaults()
         yield
 
 
 def figure_files(figure: Figure, forms: Sequence[str] = ("png", "svg")) -> dict[str, bytes]:
-    """Return a figure in each of the `forms`, by suffix, with the same layout."""
+    """Return the content of a figure's file in each of the `forms`, by suffix; all have the same layout."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
@@ -190,7 +207,7 @@ def figure_files(figure: Figure, forms: Sequence[str] = ("png", "svg")) -> dict[
 
 
 def figure_bytes(figure: Figure, form: str) -> bytes:
-    """Return a figure as the content of a file, "png" or "svg"; see `save_figure`."""
+    """Return the content of a figure's file in the format `form`, "png" or "svg"; see `save_figure`."""
     stream = BytesIO()
     metadata = {"Date": None} if form == "svg" else {"Software": None}
     with rc_context({"svg.hashsalt": "railslip"}):  # the same figure gives the same file
