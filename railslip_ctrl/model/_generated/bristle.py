@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b4e2d3619c7b42e4c931a692f69bd7074c4747a616683b175840d5d25da61cc2"
+SOURCES_SHA256 = "c2d6d7f48f7b91988e7e8756d8d9508f9e45a012fc2c473c9227b788c54ea958"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
