@@ -49,7 +49,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest `value` of a quantity, in `unit`, for which all conditions hold; other quantities are as in the box.
+    """Limit `value` of a quantity, in `unit`, up to which the conditions hold; the other quantities are as in the box.
 
     `limited_by` is the condition that fails for larger values.
     """
