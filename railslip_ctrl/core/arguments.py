@@ -41,8 +41,8 @@ class _Refused(Exception):
 def checked(function: F) -> F:
     """Decorate a function to check its arguments against its annotations; InputError for an argument of wrong type.
 
-    The value of an enumeration member is converted to the member. The function itself must check ranges, for example by
-    `number`.
+    Text such as "dry" is converted to the enumeration member with this value. The function itself must check ranges,
+    for example by `number`.
     """
     plain: Any = unwrap(function)  # the function without a cache around it
     names = plain.__code__.co_varnames[: plain.__code__.co_argcount]

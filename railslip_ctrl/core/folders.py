@@ -138,7 +138,7 @@ def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool 
     """Return the result of `compute` from the cache; if the cache does not have it, compute and store it.
 
     - name: one word; beginning of the file name.
-    - compute: function whose result depends only on `given` and the package's source, and is not None.
+    - compute: function of no arguments. Its result is not None and depends only on `given` and the package's source.
     - given: all inputs of the computation as text.
     - fresh: if True, compute the result even if the cache has it.
     """

@@ -42,8 +42,8 @@ WheelKeys, ResistanceKeys, ActuatorKeys = _table(Wheel), _table(Resistance), _ta
 class VehicleKeys(Record):
     """Keys of a vehicle's TOML file, all optional; `mass` or `rolling_stock` is required.
 
-    `rolling_stock` names a YAML file, which has the mass of the whole vehicle; only then `axles` and `vehicle_id` are
-    used. `mass` and `wheel_load` are those of the quarter car, the part carried by one wheelset.
+    `rolling_stock` names a YAML file, which has the mass of the whole vehicle; `axles` and `vehicle_id` are used only
+    with this file. `mass` and `wheel_load` are those of the quarter car, the part carried by one wheelset.
     """
 
     name: str | None = None

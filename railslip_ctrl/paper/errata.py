@@ -139,7 +139,7 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def _without_latex(text: str) -> str:
-    r"""Convert the LaTeX of `stated` to plain text: \tilde\theta becomes theta~, \hat\theta theta^, \dot s s'."""
+    r"""Convert the LaTeX of `stated` to plain text; for example, \tilde\theta becomes theta~ and \dot s becomes s'."""
     for pattern, replacement in _LATEX:
         text = re.sub(pattern, replacement, text)
     while _FRACTION.search(text) or _BRACES.search(text):
@@ -193,7 +193,7 @@ def _beam_force() -> Erratum:
 
 
 def _bristle_coefficients() -> tuple[Erratum, Erratum]:
-    """Errata of [Park2008] (24): beta and gamma follow from h = 1/g, with g of (13) and h of (22)."""
+    """Errata of [Park2008] (24): beta and gamma follow from h = 1/g, the result of comparing (13) with (22)."""
     sigma, Fs, Fc, vs = plant.sigma, printed.Fs, printed.Fc, printed.vs
     beta, gamma = sp.symbols("beta gamma")
     # beta/(gamma - sigma) = 1/g for every sigma: coefficients of sigma in beta g - (gamma - sigma)

@@ -288,7 +288,7 @@ def sensitivity(
     alternatives: Sequence[Alternative] = ALTERNATIVES,
     progress: tables.Progress | None = None,
 ) -> Sensitivity:
-    """Run the reading and each alternative to one of its rules, and compare both with Table 5.
+    """Run the reading and each alternative to one of its rules, and compare all results with [Park2008] Table 5.
 
     - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
     - alternatives: alternatives to run.

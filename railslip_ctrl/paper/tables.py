@@ -164,10 +164,11 @@ DEFAULT_SEEDS = 256  #: number of runs of each column
 
 @dataclass(frozen=True)
 class Row:
-    """One number of Table 5, published and obtained, in the unit named in `item` (".../ PI beam / braking_time_s").
+    """One number of [Park2008] Table 5, published and obtained.
 
-    `standard_error` comes from the scatter of the runs. `tolerance_percent` is the largest deviation that counts as
-    reproduced. Deviations are in percent of the published number, NaN if a run did not stop.
+    `item` names column and quantity, for example "Table 5 / PI beam / braking_time_s". `standard_error` comes from the
+    scatter of the runs. A number with a deviation up to `tolerance_percent` counts as reproduced. Deviations
+    are in percent of the published number, NaN if a run did not stop.
     """
 
     item: str

@@ -168,7 +168,7 @@ def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
 class ActuatorEffect:
     """Effect of lag and dead time on the published law at one operating point.
 
-    - existence: `SurfaceLoop.sliding_existence`; cycle: `relay_cycle`; survivors: `survivors`.
+    - existence, cycle, survivors: results of `SurfaceLoop.sliding_existence`, `relay_cycle` and `survivors`.
     - runs: simulated runs of the law with adaptation, by name.
     - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop without and with actuator, with the
       relay replaced by a gain of 0.

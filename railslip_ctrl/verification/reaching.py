@@ -72,7 +72,7 @@ class ReachingSet:
     - inertia_error: relative error of the law's J.
     - brake_gain: largest relative error of the brake's gain, < 1.
     - torque_limits: limits of the command, N*m.
-    - heavier: ratio of Ta and Tr at the largest mass to those at the smallest; Ta and Tr are linear in the mass.
+    - heavier: factor on Ta and Tr at the largest mass. It is 1 at the smallest mass and linear in the mass in between.
     """
 
     random_torque: float

@@ -1,10 +1,11 @@
 """Robust variants of the law, derived and verified: boundary layer, dead zone, projection, leak, matrix gain.
 
-All use the derived error dynamics and the Lyapunov function V with one adaptation gain for each component of theta. Let
-Td = q Tb, with the acting torque Tb. Then s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0 and the
-law's regressor phi = (Ta_hat, omega). The effective disturbance d includes the errors of Ta_hat and v'_hat, but not s,
-D or K (`effective_disturbance`). d_max bounds |d|, m/s^2, and (J/r) d_max is the least gain of (40). The actuator is
-not included: the torque acts at once. Proofs, whose hypotheses are checked, and simulated runs decide the conditions.
+The variants use the derived error dynamics and the Lyapunov function V with an adaptation gain for each component of
+theta. Let Td = q Tb; Tb is the acting torque. Then s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0,
+and the law's regressor is phi = (Ta_hat, omega). The effective disturbance d includes the errors of Ta_hat and v'_hat,
+but not s, D or K (`effective_disturbance`). d_max bounds |d|, m/s^2, and (J/r) d_max is the least K with which the
+reaching condition, [Park2008] (40), holds. The actuator is not included: the torque acts at once. Proofs, whose
+hypotheses are checked, and simulated runs decide the conditions.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def effective_disturbance() -> sp.Expr:
 
 
 def _error_rate(made: Derivation) -> sp.Expr:
-    """Return s' in theta_tilde, h and the symbol d, which stands for `effective_disturbance`."""
+    """Return s' as a function of theta_tilde, h and the symbol d, which stands for `effective_disturbance`."""
     effective_disturbance()  # raises ArithmeticError if s' does not have this form
     ideal = made.error_dynamics - made.disturbance_perturbed
     known = ideal.subs(dict.fromkeys(TILDE, 0))
@@ -210,7 +211,8 @@ def dead_zone_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUB
 def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
     """Return gains with relay and leak; K, N*m, by default `GAIN_MARGIN` times the gain of `leak_bound`.
 
-    The leak is ell = 2 h D0 at the smallest h, the smallest leak with which the bound decays at its largest rate.
+    The leak is ell = 2 h D0 with the smallest h. With a smaller leak the bound decays more slowly, with a larger leak
+    not faster.
     """
     leaking = replace(PUBLISHED_LAW, D=D, leak=slowest_rate(vehicle, D))
     return replace(leaking, K=GAIN_MARGIN * leak_bound(vehicle, leaking)["gain"] if K is None else K)
@@ -311,7 +313,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool)
 
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide the reaching condition (40) if Ta_hat is computed for the wrong rail, dry instead of wet or vice versa."""
+    """Decide the reaching condition (40) if Ta_hat is computed for the wrong rail: dry for wet, or wet for dry."""
     box = robust_set(vehicle)
     on_wet, on_dry = (reaching.vanishing_slip_torque(vehicle, rail) for rail in (Rail.WET, Rail.DRY))
     wet = on_wet / on_dry

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "c2d6d7f48f7b91988e7e8756d8d9508f9e45a012fc2c473c9227b788c54ea958"
+SOURCES_SHA256 = "ec338f3a7b3913b86a531e74e6dcea2ea0fd883d24db1bba4daee4bdc59a860a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -159,7 +159,7 @@ class AdhesionLaw(Record):
         return tuple(sp.Symbol(name, **{"positive" if _is_positive(one) else "real": True}) for name, one in bounds)
 
     def numbers(self) -> dict[str, tuple[Any, str]]:
-        """Value (SI) and unit of each parameter by name, in order; a value of `LookupTable` is a tuple, its column."""
+        """Value (SI) and unit of each parameter by name, in order; a lookup table has tuples of ratios as values."""
         return {name: (getattr(self, name), self.units().get(name, "1")) for name in self.parameter_names()}
 
     def parameters(self) -> tuple[float, ...]:
@@ -179,7 +179,8 @@ class AdhesionLaw(Record):
     def weakened(self, factor: float) -> Self:
         """Law with its adhesion multiplied by `factor`, > 0.
 
-        Because `wet_factors` halve the adhesion, they are raised to the power log2(1/factor).
+        Each parameter in `wet_factors` is multiplied by its factor to the power log2(1/factor), because `wet_factors`
+        halve the adhesion.
         """
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:

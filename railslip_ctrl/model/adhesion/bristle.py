@@ -18,7 +18,7 @@ class Bristle(AdhesionLaw):
     """Railway bristle model Fa = alpha z, z' = sigma - alpha h |sigma| z, h = beta/(gamma - |sigma|).
 
     The source prints it without the absolute values; z then diverges for sigma < 0. In steady state (z' = 0)
-    Fa = (gamma - sigma)/beta: it falls for every sigma > 0, and the law ends at sigma = gamma.
+    Fa = (gamma - sigma)/beta: it falls for every sigma > 0, and the law is defined for sigma < gamma only.
     """
 
     name: ClassVar[str] = "bristle"
