@@ -41,8 +41,8 @@ class _Refused(Exception):
 def checked(function: F) -> F:
     """Decorate a function to check its arguments against its annotations; InputError for an argument of wrong type.
 
-    The value of an enumeration member is converted to the member. The function itself must check ranges, for example by
-    `number`.
+    Text such as "dry" is converted to the enumeration member with this value. The function itself must check ranges,
+    for example by `number`.
     """
     plain: Any = unwrap(function)  # the function without a cache around it
     names = plain.__code__.co_varnames[: plain.__code__.co_argcount]
@@ -175,7 +175,10 @@ def _kinds_of(thing: Any) -> dict[str, Any]:
 
 @cache
 def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Split an annotation into its origin (or itself) and its arguments; for a union, the member types to try."""
+    """Split an annotation into its origin and its arguments; those of a union are the member types to try.
+
+    The origin of `float`, which has no arguments, is `float` itself.
+    """
     origin, inner = get_origin(kind) or kind, get_args(kind)
     if kind == ArrayLike or origin is np.ndarray:
         return ArrayLike, ()
@@ -239,7 +242,7 @@ def _not_too_large(value: Any) -> Any:
 
 
 def _array(value: Any) -> Any:
-    """Return a numeric array, or a value that NumPy converts to one; otherwise _Refused."""
+    """Return the value unchanged if it is a numeric array or NumPy converts it to one; otherwise _Refused."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "fciu":
         return value
     try:

@@ -86,7 +86,7 @@ def unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Return the cache folder `kind`, in `RAILSLIP_CACHE` or the user's cache; a temporary folder if not writable."""
+    """Return the folder `kind` in `RAILSLIP_CACHE` or the user's cache; a temporary one if that is not writable."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
@@ -104,7 +104,8 @@ def cache_folder(kind: str = "kernels") -> Path:
 def private_text(kind: str, name: str, made: str) -> str:
     """Return the secret text in the file `name` of the cache folder `kind`; only the user can read the file.
 
-    If the file has no text as long as `made`, `made` is returned, and stored if the folder is writable.
+    If the file is missing, readable by others, or of another length than `made`, `made` is returned instead. It is
+    also stored in the file, if the folder is writable.
     """
     path = cache_folder(kind) / name
     with suppress(OSError, UnicodeDecodeError):
@@ -137,7 +138,7 @@ def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool 
     """Return the result of `compute` from the cache; if the cache does not have it, compute and store it.
 
     - name: one word; beginning of the file name.
-    - compute: function whose result depends only on `given` and the package's source, and is not None.
+    - compute: function of no arguments. Its result is not None and depends only on `given` and the package's source.
     - given: all inputs of the computation as text.
     - fresh: if True, compute the result even if the cache has it.
     """

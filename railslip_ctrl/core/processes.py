@@ -30,10 +30,11 @@ def cpu_count() -> int:
 
 @contextmanager
 def processes(count: int) -> Iterator[Submit]:
-    """Start a pool of at most `count` processes, each when it gets work; yield the function that submits work to it.
+    """Make a pool of at most `count` processes; yield the function that submits work to the pool.
 
-    Only this process receives interruptions. The others end when this process ends, or when an exception leaves the
-    `with` block. InputError if a script makes this call at its import: each process imports the script again.
+    A process starts when work is submitted for it. Only the calling process receives interruptions. The others end when
+    it ends, or when an exception leaves the `with` block. InputError if a script makes this call while it is imported,
+    because each process imports the script again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import current_process, get_context

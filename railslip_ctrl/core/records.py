@@ -60,7 +60,7 @@ def same(one: object, other: object) -> bool:
 
 
 def _parts(value: object) -> tuple[Any, ...] | None:
-    """Parts to compare for an object without its own `==`; None if it has an `==` or is compared by identity."""
+    """Parts by which an object is compared; None if `==` of the object itself decides."""
     kind: Any = type(value)
     if dataclasses.is_dataclass(value) and kind.__eq__ is _equal:
         return tuple(getattr(value, field.name) for field in dataclasses.fields(value) if field.compare)

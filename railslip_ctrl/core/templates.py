@@ -16,7 +16,7 @@ def texts(package: str | None, name: str) -> dict[str, Any]:
 
 
 def environment(package: str, **options: Any) -> Any:
-    """Jinja environment for the templates in `templates/` of a package; a line with only a statement is not printed."""
+    """Jinja environment for a package's folder `templates/`; a line with only a Jinja statement prints nothing."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     return Environment(

@@ -186,7 +186,10 @@ def _not_a_unit(given: str, unit: str, of: str) -> InputError:
 
 
 def _readings(words: list[str], unit: str) -> Iterator[str]:
-    """Yield readings of a unit in Pint's names: from `TRADE_UNITS`, as given, from `TRADE_UNITS` in any case."""
+    """Yield the possible meanings of a unit, as text for Pint, in the order in which they are tried.
+
+    The first uses `TRADE_UNITS`, the second the words as given, the third `TRADE_UNITS` with case ignored.
+    """
     if unit == "rad/s" and "".join(words).lower() in _TURNS_PER_MINUTE:
         yield "rpm"
     for known in (TRADE_UNITS, {}, _ANY_CASE):
@@ -259,7 +262,7 @@ def rounded(value: float, digits: int) -> float:
 
 
 def ms_up(ms: float) -> str:
-    """Text of an Ms, rounded up to two decimals, or to three significant digits if at least 100."""
+    """Text of a value of Ms, rounded up to two decimals, or to three significant digits if at least 100."""
     return f"{math.ceil(100 * ms * (1 - _SAME)) / 100:.2f}" if ms < _LARGE else f"{rounded_up(ms):g}"
 
 

@@ -53,7 +53,7 @@ def given_path(value: object, name: str = "path") -> Path:
 def read_text(path: Path, *, where: str = "") -> str:
     """Read the text of a parameter file: regular, UTF-8 with or without byte-order mark, at most `LARGEST_FILE` bytes.
 
-    InputError, beginning with `where` or else the path, for any other file.
+    InputError for any other file; the message begins with `where`, by default the path.
     """
     where = where or file_name(path)
     content = _read_bytes(path, where)
@@ -82,7 +82,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """Make a record of class `model` from `values`, a mapping or a record; InputError with the text of `one_line`."""
+    """Make a record of class `model` from `values`, a mapping or a record; InputError with one line, as `one_line`."""
     try:
         # not model_validate: its errors begin with the name of the class, not with `where`
         return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
@@ -176,7 +176,7 @@ def _number(value: object) -> str:
 
 
 def _locate(model: type[BaseModel] | None, loc: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, Any]:
-    """Class of the record with the last key of `loc`, and its field with this name; each is None if unknown."""
+    """Class of the record that contains the last key of `loc`, and the field of this key; each is None if unknown."""
     owner, field = model, None
     names = [part for part in loc if isinstance(part, str)]  # a number is an index in a list of records
     for depth, part in enumerate(names):
@@ -210,7 +210,7 @@ def place(file: str, line: int | None) -> str:
 
 
 def failure(error: BaseException, what: str) -> str:
-    """Return an error in a user's code as one line: file and line, `what` failed, the error, the remedy."""
+    """Return an error in a user's code as one line: file and line, what failed (`what`), the error, the remedy."""
     frames = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError):
         frames.append((error.filename or "", error.lineno))

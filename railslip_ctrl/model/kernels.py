@@ -95,9 +95,10 @@ def scalar_source(law: type[AdhesionLaw]) -> str:
 
 
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
-    """Text of a kernel module: the functions of an adhesion law, then the parts.
+    """Text of a kernel module: the functions of an adhesion law, then the code that calls these functions.
 
-    - parts: texts as `plain` returns them. Python calls the function `run`, which is marked `entry`.
+    - parts: texts of this code, as `plain` returns them. One text defines `run`, the function that Python calls; the
+      decorator `entry` marks it.
     - compiled: true for Numba, false for plain Python.
     """
     head = _HEAD.format(law=law.name, marker=COMPILED if compiled else _INTERPRETED)

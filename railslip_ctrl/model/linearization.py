@@ -52,9 +52,10 @@ class OperatingPoint:
     - adhesion_force: Fa, N.
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
-    - gain: acting over commanded torque, times measured over true slip velocity; a ratio, 1 if neither has an error.
-    - residual: numerical error of lambda' = 0 and z' = 0, a ratio: the larger of |lambda'| and |z'|, each over the size
-      of the terms that cancel in it.
+    - gain: (acting/commanded torque) times (measured/true slip velocity), a ratio; 1 if brake and measurement are
+      exact.
+    - residual: numerical error of lambda' = 0 and z' = 0, a ratio. Each rate is divided by the magnitude of the terms
+      that cancel in it; the larger quotient counts.
     """
 
     law: AdhesionLaw
@@ -171,7 +172,7 @@ def _residual(functions: NumericPlant, state: tuple[float, float, float, float],
 
 @dataclass(frozen=True)
 class LinearPlant:
-    """Plant linearised at an operating point, from brake torque at the wheel, without the actuator.
+    """Plant linearised at an operating point, without the actuator; the input is the brake torque at the wheel.
 
     - point: the operating point.
     - A, B, C, D: ndarray, (n, n), (n, 1), (3, n), (3, 1); SI; deviations from the operating point.
@@ -203,7 +204,7 @@ class LinearPlant:
     def zeros(self) -> Complexes:
         """Zeros from brake torque to sigma, rad/s, rightmost first.
 
-        They are the eigenvalues of A without sigma: the torque enters only the equation of sigma.
+        They are the eigenvalues of A without the row and the column of sigma, because the torque enters only sigma'.
         """
         others = [index for index, name in enumerate(self.states) if name != "sigma"]
         return _sorted_roots(self.A[np.ix_(others, others)])
@@ -269,7 +270,7 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
 
     Returns A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
     InputError: an argument of wrong type. KinkError: the law has no unique derivative at the slip of the point, or at a
-    slip within a relative distance of 1e-9.
+    slip that differs from it by at most 1e-9 of its value.
     """
     law = point.law
     for kink in law.kinks(point.speed, point.vehicle.wheel_load):

@@ -6,7 +6,7 @@ generated in memory. An edited plant or a new law therefore works without `make 
 
 The functions have the names of the fields of `plant.ClosedPlant` and take (v, sigma, z, Tb, Td, Tr, p): speeds in m/s,
 z in m, torques in N*m, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores
-`z`. In a kernel (`kernels`) a table follows `p`, for a force without a closed form.
+`z`. In a kernel (`kernels`) the last argument, after `p`, is the table of a force without a closed form.
 """
 
 from __future__ import annotations
@@ -157,9 +157,9 @@ TABLE_INTERVALS = 4096
 def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
     """Table of the force of a law without closed form, over slip ratios 0 to 1 at a wheel load, N.
 
-    Layout: number of nodes per unit of slip, then for each node the value (N) and the slope (N per unit slip, times
-    the node distance). The table ends where the domain of the law ends. The result for a law in closed form, which
-    needs no table, is a single zero.
+    The first element is the number of intervals per unit of slip. Then follow, for each node, the force, N, and the
+    slope of the force over slip times the node distance, N. The table ends where the domain of the law ends. A law in
+    closed form needs no table; the result is one element, 0.
     """
     if not has_table(type(law)):
         return np.zeros(1)

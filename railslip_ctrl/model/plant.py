@@ -73,7 +73,7 @@ class Motion:
 
 @cache
 def motion() -> Motion:
-    """Solve (3) and (4) for the accelerations; the rates of sigma and lambda follow from their definitions."""
+    """Solve [Park2008] (3) and (4) for the accelerations, and derive the rates of sigma and lambda from them."""
     wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
     known = {ADHESION_TORQUE.lhs: ADHESION_TORQUE.rhs, RESISTANCE.lhs: RESISTANCE.rhs}
     train = sp.expand(sp.solve(TRAIN, v_rate)[0].subs(known))
@@ -173,7 +173,7 @@ def numeric_text(law: type[AdhesionLaw], sources_hash: str) -> str:
 class _NumericPrinter(NumPyPrinter):  # type: ignore[misc]
     """SymPy's printer for NumPy, limited to code that Numba compiles for scalars, without slow powers and `select`.
 
-    `readers`: names in the printed text of the SymPy functions that the law defines.
+    `readers`: the name to print for each SymPy function class that the law defines, by the name of the class.
     """
 
     def __init__(self, readers: dict[str, str]) -> None:
@@ -247,7 +247,7 @@ def _flatten(value: Any) -> list[Any]:
 
 
 def _nested_text(value: Any, printed: Any) -> str:
-    """Text of a nested tuple in which each expression is replaced by the next printed one."""
+    """Text of a nested tuple; the texts of its expressions are taken in order from the iterator `printed`."""
     if not isinstance(value, tuple):
         return str(next(printed))
     return "(" + ", ".join(_nested_text(part, printed) for part in value) + ")"

@@ -74,7 +74,7 @@ class Record(BaseModel):
     """Base class of the parameter records: immutable, without unknown keys or non-finite numbers.
 
     A number is given in SI, or as text with a unit ("3.5 t"). Text without a unit ("3500") and booleans are refused for
-    a number, and numbers for a boolean.
+    a number, and a number is refused for a boolean.
 
     InputError: an unknown or missing key; a value of wrong type or dimension, or outside its range; an attempt to set a
     field of an existing record.
@@ -261,7 +261,7 @@ class Vehicle(Record):
         return vehicle
 
     def empty(self) -> Vehicle:
-        """Vehicle with the empty mass and wheel load, which it had before `loaded`."""
+        """Vehicle with the empty mass and wheel load, those before `loaded` was called; unchanged if it was not."""
         mass, wheel_load = self._empty or (self.mass, self.wheel_load)
         vehicle = self.model_copy(update={"mass": mass, "wheel_load": wheel_load})
         BaseModel.__setattr__(vehicle, "_empty", None)
@@ -279,7 +279,7 @@ class Vehicle(Record):
 
     @property
     def mass_alone(self) -> str:
-        """Note that `with_mass` has added to the vehicle; empty text if there is none."""
+        """The sentence that `with_mass` has added to `notes`; empty text if there is none."""
         return next((note for note in self.notes if note.startswith(_MASS_ALONE)), "")
 
     def loads(self) -> tuple[Vehicle, ...]:
@@ -308,7 +308,7 @@ PARK2008 = Vehicle(
 
 
 class PrintedPI(NamedTuple):
-    """PI gains as printed in [Park2008] Table 4: Kp in "N-h", Ki in "N"; read as N*m/(km/h) and N*m/(km/h)/s."""
+    """PI gains as printed in [Park2008] Table 4: Kp in "N-h", Ki in "N"; taken as N*m/(km/h) and N*m/(km/h)/s."""
 
     Kp: float
     Ki: float
@@ -317,8 +317,8 @@ class PrintedPI(NamedTuple):
 class PrintedSliding(NamedTuple):
     """Sliding-mode gains as printed in [Park2008] Table 4: D and rho in "1/h", K in "km/h^2", k without a unit.
 
-    They are read as D in N*m per km/h, K in N*m and rho in 1/s; D s and K sgn s are torques. k is read for s in km/h,
-    Ta in N*m and omega = v_kmh/r.
+    This package takes D in N*m per km/h, K in N*m and rho in 1/s, so that D s and K sgn s are torques. It applies k to
+    s in km/h, Ta in N*m and omega = v_kmh/r.
     """
 
     D: float
@@ -328,23 +328,23 @@ class PrintedSliding(NamedTuple):
 
 
 TABLE4_PI_PRINTED = MappingProxyType({"beam": PrintedPI(400.0, 54.0), "bristle": PrintedPI(650.0, 27.0)})
-"""PI gains of [Park2008] Table 4 as printed, by the adhesion law of the column."""
+"""PI gains of [Park2008] Table 4 as printed; the keys are the adhesion laws in the heads of its columns."""
 
 TABLE4_SLIDING_PRINTED = MappingProxyType(
     {"beam": PrintedSliding(1.62, 70.0, 1.65, 2.1e-8), "bristle": PrintedSliding(1.53, 70.0, 1.54, 2.1e-8)}
 )
-"""ASMC gains of [Park2008] Table 4 as printed, by the adhesion law of the column."""
+"""ASMC gains of [Park2008] Table 4 as printed; the keys are the adhesion laws in the heads of its columns."""
 
 # 1 km/h = 1/3.6 m/s
 TABLE4_PI = MappingProxyType(
     {name: PIGains(kp=3.6 * gains.Kp, ki=3.6 * gains.Ki) for name, gains in TABLE4_PI_PRINTED.items()}
 )
-"""PI gains of [Park2008] Table 4 in SI (N*m/(m/s) and N*m/m), by the adhesion law of the column."""
+"""PI gains of [Park2008] Table 4 in SI (N*m/(m/s) and N*m/m), with the keys of `TABLE4_PI_PRINTED`."""
 
 
 @checked
 def table4_gains(adhesion: str) -> PIGains:
-    """PI gains of Table 4, SI, for the law named `adhesion`: the beam column for "beam", else the bristle column."""
+    """PI gains of [Park2008] Table 4, SI: the column "beam" if `adhesion` is "beam", otherwise "bristle"."""
     return TABLE4_PI["beam" if adhesion == "beam" else "bristle"]
 
 
@@ -369,7 +369,7 @@ _COMPARED_WITH: Mapping[str, Callable[[Vehicle], float]] = {
 }
 
 USUAL_RANGES: Mapping[str, Any] = texts(__package__, "usual_ranges.toml")
-"""Usual ranges by key of the vehicle's file; the file describes its columns."""
+"""Usual ranges of a vehicle's numbers by key; `usual_ranges.toml` describes its columns."""
 
 
 @checked
@@ -401,7 +401,7 @@ def notes_and_warnings(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def _remedy(usual: Mapping[str, Any], value: float, low: float, high: float) -> str:
-    """Remedy for an implausible value: another unit if one brings it into the usual range."""
+    """Remedy for an implausible value: to give another unit, if the number is usual in this unit."""
     for unit, size in usual.get("other_units", {}).items():
         if low <= value * size <= high:
             return f'if {_plain(value, 6)} {unit} is meant, give "{_plain(value, 6)} {unit}"'

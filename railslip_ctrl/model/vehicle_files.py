@@ -42,8 +42,8 @@ WheelKeys, ResistanceKeys, ActuatorKeys = _table(Wheel), _table(Resistance), _ta
 class VehicleKeys(Record):
     """Keys of a vehicle's TOML file, all optional; `mass` or `rolling_stock` is required.
 
-    `axles` and `vehicle_id` are used only with `rolling_stock`. The YAML file has the mass of the whole vehicle; `mass`
-    and `wheel_load` are those of the quarter car, the part carried by one wheelset.
+    `rolling_stock` names a YAML file, which has the mass of the whole vehicle; `axles` and `vehicle_id` are used only
+    with this file. `mass` and `wheel_load` are those of the quarter car, the part carried by one wheelset.
     """
 
     name: str | None = None
@@ -66,7 +66,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
     """Load the quarter car described by a file.
 
     - path: `.toml` with the keys of `VehicleKeys`, or `.yaml`/`.yml` in the railtoolkit rolling-stock schema with one
-      vehicle. A YAML file is completed by the published wheel and brake and by four axles.
+      vehicle. If `path` is a YAML file, the published wheel and brake and four axles are assumed.
 
     Returns the vehicle in SI; its `notes` have one sentence for each assumption. The table [envelope] of the file is
     the default of `design.envelope.Envelope`. InputError: one line with the file, the key, the value and the bound.
@@ -94,7 +94,7 @@ def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Veh
 
 
 def with_laws_beside(table: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Prefix the law files in a table [envelope] with the folder of `path`, the file it was read from."""
+    """Prefix the law files in a table [envelope] with the folder of `path`, the file that contains the table."""
     laws = table.get("laws")
     if not isinstance(laws, list):
         return table
@@ -234,7 +234,7 @@ class RollingStock(Record):
     air_resistance: float | None = quantity("permille", "resistance quadratic in v, over m g", ge=0, default=None)
 
     def resistance(self, mass: float) -> Resistance:
-        """Running resistance, SI, of a share of the vehicle with the mass `mass`, kg; a missing coefficient is 0."""
+        """Running resistance, SI, of a part of the vehicle whose mass is `mass`, kg; a missing coefficient is 0."""
         per_mille = 1e-3 * mass * GRAVITY
         return Resistance(
             constant=per_mille * (self.base_resistance or 0.0),

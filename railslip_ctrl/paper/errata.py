@@ -139,7 +139,7 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def _without_latex(text: str) -> str:
-    """Convert the LaTeX of `stated` to plain text: theta~ is an error, theta^ an estimate, s' a rate."""
+    r"""Convert the LaTeX of `stated` to plain text; for example, \tilde\theta becomes theta~ and \dot s becomes s'."""
     for pattern, replacement in _LATEX:
         text = re.sub(pattern, replacement, text)
     while _FRACTION.search(text) or _BRACES.search(text):
@@ -151,7 +151,10 @@ def _without_latex(text: str) -> str:
 
 
 def _force_per_length() -> Erratum:
-    """Erratum of (6): solve for the factor of each branch, from (5), (9) and the full sliding force mu_d N."""
+    """Erratum of [Park2008] (6): the factor by which each of its branches must be multiplied.
+
+    The factors follow from (5), (9) and the full sliding force mu_d N.
+    """
     length, slip, mu_d, xc, N = printed.length, printed.slip, printed.mu_d, printed.xc, printed.wheel_load
     locking, slipping = printed.force_per_length
     p = sp.Symbol("p", positive=True)
@@ -190,7 +193,7 @@ def _beam_force() -> Erratum:
 
 
 def _bristle_coefficients() -> tuple[Erratum, Erratum]:
-    """Errata of (24): solve for beta and gamma from h = 1/g, by comparing (13) with (22)."""
+    """Errata of [Park2008] (24): beta and gamma follow from h = 1/g, the result of comparing (13) with (22)."""
     sigma, Fs, Fc, vs = plant.sigma, printed.Fs, printed.Fc, printed.vs
     beta, gamma = sp.symbols("beta gamma")
     # beta/(gamma - sigma) = 1/g for every sigma: coefficients of sigma in beta g - (gamma - sigma)
@@ -215,12 +218,12 @@ def _positive_first(fraction: sp.Expr) -> sp.Expr:
 
 
 def adhesion_torque() -> sp.Expr:
-    """Adhesion torque Ta (25) from omega', omega and Tb, by (3) without the unmeasured torques (Td = Tr = 0)."""
+    """Adhesion torque Ta, [Park2008] (25), from omega', omega and Tb; the unmeasured Td and Tr in (3) are set to 0."""
     return sp.expand(sp.solve(plant.WHEEL.subs({plant.Td: 0, plant.Tr: 0}), plant.Ta)[0])
 
 
 def corrected_observer() -> sp.Expr:
-    """Corrected (27): every term of (26) is filtered, which gives Ta/(tau s + 1) from the measured Tb and omega."""
+    """Observer [Park2008] (27), corrected: Ta/(tau s + 1) from Tb and omega, with every term of (26) filtered."""
     true = adhesion_torque().subs(plant.omega_rate, printed.laplace * plant.omega)
     return true / (printed.tau * printed.laplace + 1)
 
@@ -231,7 +234,7 @@ def passed_at_once(observer: sp.Expr) -> sp.Expr:
 
 
 def _observer() -> Erratum:
-    """Erratum of (27): compared with the filtered torque Ta/(tau s + 1)."""
+    """Erratum of [Park2008] (27): comparison with the filtered torque Ta/(tau s + 1)."""
     as_printed, derived = printed.observer, corrected_observer()
     jump = [passed_at_once(expression) for expression in (as_printed, derived)]
     return compared("(27)", (as_printed,), (derived,), jump=jump)
@@ -274,12 +277,12 @@ def law_errata(derivation: Derivation) -> tuple[Erratum, ...]:
 
 
 def _named(expression: sp.Expr, derivation: Derivation) -> sp.Expr:
-    """Substitute the derivation's rate of the reference for the printed sigma_d'."""
+    """Replace the symbol sigma_d' of the printed equations by the derived rate of the reference."""
     return expression.subs(sliding_symbol("sigma_d_rate"), derivation.reference_rate)
 
 
 def _random_force(derivation: Derivation) -> Erratum:
-    """Erratum of Fr as a random force: the force enters the plant once, through Tr, but enters (35) twice."""
+    """Erratum: if Fr is the random adhesion force, it enters the plant once, through Tr, but [Park2008] (35) twice."""
     force = sp.Symbol("F_random", real=True)
     twice = printed.s_rate.subs({plant.Fr: force, plant.Tr: plant.r * force})
     once = derivation.s_rate.subs({plant.Fr: 0, plant.Tr: plant.r * force})
@@ -301,7 +304,7 @@ def _theta1(derivation: Derivation) -> Erratum:
 
 
 def _lyapunov_rate(derivation: Derivation) -> Erratum:
-    """Comparison of (47), with the derived law substituted, with the derived V'."""
+    """Comparison of the derived V' with [Park2008] (47), in which the derived law is substituted."""
     names = ("theta1", "theta2")
     errors = {
         error: sliding_symbol(name) - sliding_symbol(f"{name}_hat")
@@ -312,7 +315,7 @@ def _lyapunov_rate(derivation: Derivation) -> Erratum:
 
 
 def _gain_units(derivation: Derivation) -> list[str]:
-    """Units of k1 and k2 from theta' = k s phi, by substituting units for the symbols of the derived theta and phi."""
+    """Units of k1 and k2 in theta' = k s phi: each symbol of the derived theta and phi is replaced by its unit."""
     kg, m, sec = sp.symbols("kg m s", positive=True)
     units = {plant.r: m, plant.J: kg * m**2, plant.Ta: kg * m**2 / sec**2, plant.omega: 1 / sec}
     named = {"s": m / sec, "Mn": kg, "Mp": kg, "Bp": kg * m**2 / sec, "k1": sp.Integer(1), "k2": sp.Integer(1)}
@@ -341,7 +344,7 @@ def _invariant_set(derivation: Derivation) -> Erratum:
 
 
 def _lyapunov_jump(derivation: Derivation) -> float:
-    """Step of V, m^2/s^2, at the mass step: theta1^2/(2 k1), as-published reading, in which k1 in SI is Table 4's k."""
+    """Step of V, m^2/s^2, at the mass step: theta1^2/(2 k1), with the inertia scale 3.6 and the k of Table 4 as k1."""
     light, heavy = (AS_PUBLISHED_INERTIA_SCALE * mass for mass in _MASS)
     masses = {sliding_symbol("Mn"): light, sliding_symbol("Mp"): heavy - light, plant.r: _R}
     theta1 = float(derivation.theta[0].subs(masses))
@@ -354,14 +357,14 @@ def _lyapunov_jump(derivation: Derivation) -> float:
 
 
 def _strict_product(derivation: Derivation) -> Erratum:
-    """Erratum of (42): at s = 0 both sides vanish."""
+    """Erratum of [Park2008] (42), a strict inequality: at s = 0 both sides are 0."""
     s, eta = sliding_symbol("s"), sp.Symbol("eta", positive=True)
     sides = [side.subs(s, 0) for side in (derivation.reaching_product, -eta * sp.Abs(s))]
     return stated("(42), strict", "symbolic", {"left": sides[0], "right": sides[1]})
 
 
 def _bristle_maximum() -> Erratum:
-    """Erratum of Fig. 17: the bristle model's maximum in steady state, and along a slip ramp, at 100 km/h."""
+    """Erratum of [Park2008] Fig. 17: maximum of the bristle model, in steady state and while the slip rises."""
     v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
     law, curve = (published_law(name, Rail.DRY, wheel_load=load) for name in ("bristle", "curve"))
     sigma, parameters = plant.sigma, dict(zip(type(law).symbols(), law.parameters(), strict=True))
@@ -375,7 +378,7 @@ def _bristle_maximum() -> Erratum:
 
 
 def _reference_slips() -> Erratum:
-    """Erratum of p. 46: the slips of highest adhesion differ from the reference slips."""
+    """Erratum of [Park2008] p. 46: the slips of highest adhesion differ from the reference slips."""
     v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
     peaks = {
         f"{name} {rail}": peak(published_law(name, rail, wheel_load=load), v, load).slip
@@ -457,7 +460,7 @@ def _table4_asmc() -> Erratum:
 
 
 def _sliding_sizes(D: float, K: float, rho: float) -> dict[str, float]:
-    """D, K and rho of one column as rates, in the units of (39), and D and K in the reading used."""
+    """Two readings of the D, K and rho of one column of Table 4, SI: rates, as in (39), and torque gains, as used."""
     rates = {
         "D0": to_unit(f"{D} 1/h", "1/s"),
         "K0": to_unit(f"{K} km/h^2", "m/s^2"),
@@ -491,7 +494,10 @@ def _duration() -> Erratum:
 
 
 def _least_time(scale: float, v0: float, v1: float) -> float:
-    """Braking time, s, at peak adhesion, without resistance: dry and empty until the mass step, then wet and loaded."""
+    """Braking time, s, if adhesion is at its peak and resistance is neglected.
+
+    Until the mass step the rail is dry and the vehicle empty, then the rail is wet and the vehicle loaded.
+    """
     load = PARK2008.wheel_load
     dry = printed.PEAK_ADHESION["dry"] * load / (scale * PARK2008.mass)
     wet = printed.PEAK_ADHESION["wet"] * load / (scale * PARK2008.mass_loaded)

@@ -1,7 +1,7 @@
 """Equations and numbers of [Park2008] exactly as printed, including misprints.
 
 `errata` compares them with the derivation; the law does not use them. The source's sigma_d' is the symbol sigma_d_rate,
-its undefined Tm is read as Ta, and theta_tilde is theta - theta_hat.
+its undefined Tm is taken as Ta, and theta_tilde is theta - theta_hat. Numbers in parentheses are its equations.
 """
 
 from __future__ import annotations
@@ -97,13 +97,13 @@ SPEEDS_KMH = (100.0, 5.0)  #: Speeds between which the stop is timed (p. 55, 56)
 PEAK_ADHESION = MappingProxyType({"dry": 0.30, "wet": 0.15})  #: Peaks of the bristle curves of Fig. 17, read from it.
 
 TABLE3 = MappingProxyType({"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)})
-"""Mean absolute errors of the adhesion coefficient at 30, 60, 100, 140 km/h."""
+"""Mean absolute errors of the adhesion coefficient of each model at 30, 60, 100, 140 km/h ([Park2008] Table 3)."""
 
 TABLE3_MEANS = MappingProxyType({"beam": 0.011, "bristle": 0.0083})
 TABLE3_IMPROVEMENT = 24.5  # %, of bristle over beam
 
 TABLE5_ENERGY = MappingProxyType({"PI": 1.77e-7, "ASMC": 1.71e-7})
-"""Brake energy, kN*m, as printed in the table; p. 56 has the same digits times 10^7 N*m."""
+"""Brake energy, kN*m, as printed in [Park2008] Table 5; p. 56 has the same digits times 10^7 N*m."""
 
 TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
     {
@@ -113,9 +113,10 @@ TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
         "ASMC bristle": (50.7, 581.0, 1.71e7, 0.0272),
     }
 )
-"""[Park2008] Table 5 by column: braking time, s, distance, m, energy, J in the published reading, mean |slip error|.
+"""[Park2008] Table 5 by column: braking time, s; distance, m; energy; mean |slip error|, a ratio.
 
-The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the latter is meant.
+The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the latter is meant, as 3.6 times the
+energy in J.
 """
 
 TABLE5_TIMES = tuple(row[0] for row in TABLE5.values())  #: braking times, s

@@ -52,7 +52,7 @@ class Basis(StrEnum):
 
 @dataclass(frozen=True)
 class ReadingRule:
-    """One rule of the interpretation (the "reading"): its name, what is used, its basis, and its place in the paper."""
+    """One rule of the interpretation (the "reading"): its name, value or model used, basis, and place in the paper."""
 
     name: str
     used: str
@@ -85,7 +85,7 @@ READING = _rules()  #: the rules, in the order of `reading.toml`
 
 
 Change = Callable[[tables.Setup], tables.Setup | None]
-"""Function that changes the setup of a column of Table 5 from the reading to an alternative; None: not affected."""
+"""Function that returns the setup of a column of Table 5 with an alternative; None if the column does not change."""
 
 _LOAD_RATIO = PARK2008.mass_loaded / PARK2008.mass
 _FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m; no controller commands such a torque, so it is no limit
@@ -133,7 +133,7 @@ def _wet_by(law: type[Curve]) -> Change:
 
 
 def _plant(columns: Sequence[Column] = COLUMNS, **changes: Any) -> Change:
-    """Return the change that sets arguments of `published_scenario`, for gains of these `columns` of Table 4."""
+    """Return the change that sets arguments of `published_scenario` if the gains are from `columns` of Table 4."""
     return lambda setup: replace(setup, scenario=published_scenario(**changes)) if setup.case.gains in columns else None
 
 
@@ -169,7 +169,10 @@ def _si_gains(setup: tables.Setup) -> dict[str, Any]:
 
 
 def _rates_of_s(setup: tables.Setup) -> dict[str, Any]:
-    """D and K if the printed values are rates of s, (38)-(39), in 1/h and km/h^2; J/r converts them to torque."""
+    """D and K, SI, if the printed values are those of s' in [Park2008] (39), in 1/h and km/h^2.
+
+    The factor J/r converts them to torque gains.
+    """
     printed, vehicle = TABLE4_SLIDING_PRINTED[setup.case.gains], setup.scenario.vehicle
     per_hour = 1.0 / 3600.0
     torque = vehicle.effective_inertia / vehicle.wheel.radius
@@ -239,12 +242,13 @@ _UNTOUCHED = np.full(len(tables.QUANTITIES), math.nan)
 
 @dataclass(frozen=True)
 class SensitivityRow:
-    """Results of one alternative.
+    """Results if one rule of the reading is replaced by an alternative.
 
-    - results: one result for each of the four columns of Table 5; the reading's result if a column is not affected.
+    - results: one result for each of the four columns of Table 5. A column that the alternative does not change has the
+      result of the reading.
     - rms_deviation_percent: rms deviation from Table 5 over all sixteen numbers, %; NaN if a run did not stop.
-    - largest_change_percent, largest_change_of: largest change against the reading, %, and the name of the number that
-      changes, among the affected columns whose runs all stopped; NaN and "" without such a column.
+    - largest_change_percent, largest_change_of: largest change of a number of Table 5 against the reading, %, and the
+      name of this number. Only changed columns whose runs all stopped count; NaN and "" if there is none.
     """
 
     alternative: Alternative
@@ -284,7 +288,7 @@ def sensitivity(
     alternatives: Sequence[Alternative] = ALTERNATIVES,
     progress: tables.Progress | None = None,
 ) -> Sensitivity:
-    """Run the reading and each alternative to one of its rules, and compare both with Table 5.
+    """Run the reading and each alternative to one of its rules, and compare all results with [Park2008] Table 5.
 
     - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
     - alternatives: alternatives to run.

@@ -70,8 +70,9 @@ CASES = (
 class Setup:
     """Scenario and controller of a column, and how its numbers are computed.
 
-    - own_reference: if true, the slip error is relative to the controller's reference instead of 0.132/0.092.
-    - energy_in_joules: if true, the energy is not multiplied by the inertia scale.
+    - own_reference: if true, the slip error is the distance from the controller's reference slip; if false, from 0.132
+      on dry and 0.092 on wet rail.
+    - energy_in_joules: if true, the energy is in J; if false, in J times the inertia scale.
     """
 
     case: TableColumn
@@ -81,7 +82,7 @@ class Setup:
     energy_in_joules: bool = False
 
     def numbers(self, run: Run) -> tuple[float, ...]:
-        """Values of the `QUANTITIES` for a run: s, m, J times the unit's factor, slip ratio."""
+        """Values of the `QUANTITIES` for a run: time, s; distance, m; energy, see `Setup`; slip error, a ratio."""
         unit = 1.0 if self.energy_in_joules else self.scenario.vehicle.inertia_scale
         error = run.mean_abs_slip_error if self.own_reference else run.mean_abs_slip_error_published
         return run.braking_time, run.braking_distance, unit * run.brake_energy, error
@@ -163,10 +164,11 @@ DEFAULT_SEEDS = 256  #: number of runs of each column
 
 @dataclass(frozen=True)
 class Row:
-    """One number of Table 5, published and obtained, in the unit named in `item` (".../ PI beam / braking_time_s").
+    """One number of [Park2008] Table 5, published and obtained.
 
-    `standard_error` comes from the scatter of the runs. `tolerance_percent` is the largest deviation that counts as
-    reproduced. Deviations are in percent of the published number, NaN if a run did not stop.
+    `item` names column and quantity, for example "Table 5 / PI beam / braking_time_s". `standard_error` comes from the
+    scatter of the runs. A number with a deviation up to `tolerance_percent` counts as reproduced. Deviations
+    are in percent of the published number, NaN if a run did not stop.
     """
 
     item: str
@@ -302,7 +304,10 @@ _POINTS = 801  # number of points of a curve
 
 @dataclass(frozen=True)
 class ModelCurve:
-    """Curve of mu = Fa/N over slip ratio at v = v0, km/h, with its peak; the published `reference` slip at 100 km/h."""
+    """Curve of mu = Fa/N over slip ratio at the speed v0, with its peak.
+
+    `reference` is the published reference slip ratio; None if v0 is not 100 km/h.
+    """
 
     law: str
     rail: Rail
@@ -314,7 +319,7 @@ class ModelCurve:
 
     @property
     def rises(self) -> bool:
-        """True if adhesion rises with slip to a peak; the steady-state curve of the bristle model falls from slip 0."""
+        """True if adhesion rises with slip to a peak; false if it falls from slip 0 on, as for `bristle`."""
         return bool(self.peak.slip > self.slip[1])
 
 
@@ -355,7 +360,7 @@ def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> ModelCurve:
 
 
 def wet_and_dry() -> tuple[ModelCurve, ...]:
-    """Curves of [Park2008] Fig. 17: bristle along a ramp and beam, dry and wet, at 100 km/h up to slip 0.5."""
+    """Curves of [Park2008] Fig. 17 up to slip 0.5, at 100 km/h, dry and wet: the laws `curve` and `beam`."""
     return model_curves(("curve", "beam"), speeds_kmh=(INITIAL_SPEED_KMH,), rails=tuple(Rail), largest_slip=0.5)
 
 
@@ -363,10 +368,13 @@ def wet_and_dry() -> tuple[ModelCurve, ...]:
 
 
 SLIDING_SHARES = (0.65, 0.85)
-"""Range of the share of time with s s' < 0 that counts as about three quarters; 1 is sliding, 1/2 is random."""
+"""Shares of time with s s' < 0 that count as about three quarters.
+
+If s slides to 0 the share is 1; if s moves at random it is 1/2.
+"""
 
 SLOW = 3.0
-"""Ratio of braking times with and without adaptation above which the adaptation counts as failed."""
+"""Limit of the ratio of braking times with and without adaptation; above it the adaptation counts as failed."""
 
 LATE_SHARE = 0.5  #: locking counts as late within this last share of the braking time
 
@@ -395,7 +403,10 @@ def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
 
 
 def pi_loop(column: Column, inertia_scale: float) -> Assessment:
-    """Assess the PI loop of a column with actuator, on the dry bristle model at 100 km/h and its reference slip."""
+    """Assess the loop with the PI gains and the reference slip of a column of [Park2008] Table 4 and the actuator.
+
+    The plant is the dry bristle model at 100 km/h, with M, J and B multiplied by `inertia_scale`.
+    """
     vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     law = published_law("bristle", Rail.DRY)
     slip = published_reference(column).dry
@@ -404,7 +415,7 @@ def pi_loop(column: Column, inertia_scale: float) -> Assessment:
 
 
 def _fact(name: str, holds: bool, **numbers: Any) -> Fact:
-    """Make the named fact with its texts of `facts.toml`."""
+    """Make the fact `name`, with its texts from `facts.toml`."""
     statement, found, how = (
         filled(texts(__package__, "facts.toml")[name][part], numbers) for part in ("statement", "found", "how")
     )
@@ -431,14 +442,14 @@ def no_sliding() -> Fact:
 
 
 def reaching_fails() -> Fact:
-    """Fact: the reaching condition (40) fails with Table 4's gains and the published noise."""
+    """Fact: the reaching condition, [Park2008] (40), fails with the gains of Table 4 and the published noise."""
     judged = {column: judge_run(published_scenario(), _asmc(column), seed=_SEED) for column in COLUMNS}
     shares = {column: one.condition("reaching (40)").share for column, one in judged.items()}
     return _fact("(40) fails", all(share < 1.0 for share in shares.values()), shares=shares, seed=_SEED)
 
 
 def wet_rail_unknown() -> Fact:
-    """Fact: the ASMC locks the wheel if it keeps the dry curve after 25 s."""
+    """Fact: the ASMC locks the wheel if it still assumes a dry rail after 25 s, when the rail is wet."""
     scenario, runs, holds = published_scenario(), {}, True
     change = _rail_change(scenario)
     for column in COLUMNS:

@@ -1,4 +1,4 @@
-"""Python code of the sampled law, with the numbers of an adhesion law if a file gives them.
+"""Python code of the sampled law, with the parameter values of an adhesion law if they come from a file.
 
 The code is a module made from `templates/law.py.jinja`: functions of plain numbers, and a step function that changes a
 state with named fields. `controllers` compiles the module into kernels and prints it as C99.
@@ -36,7 +36,10 @@ _HELPERS = ("reciprocal", "exponential", "limited")
 
 @dataclass(frozen=True)
 class LawCode:
-    """The law as text of a Python module; `numbers`: parameter values of an adhesion law by rail, empty without one."""
+    """The sliding-mode law as text of a Python module, with the parameter values of its adhesion law, if any.
+
+    `numbers` has these values, one record for each rail condition; empty if the text has none.
+    """
 
     law: SampledLaw
     python: str
@@ -70,7 +73,7 @@ def _head(note: tuple[str, ...]) -> list[str]:
 
 
 class _Printer(PythonCodePrinter):  # type: ignore[misc]
-    """Printer that writes powers up to 4 as products, because ** raises OverflowError, and makes sgn 0 equal to 0."""
+    """Printer of Python code with powers up to 4 as products, because ** raises OverflowError, and with sgn 0 = 0."""
 
     def _print_Pow(self, expression: sp.Expr, **options: object) -> str:
         base, exponent = expression.as_base_exp()
@@ -117,7 +120,10 @@ def _source(law: SampledLaw) -> str:
 
 
 def _field(name: str, meaning: str, rules: tuple[str, ...], has_default: bool) -> str:
-    """Return the line that declares a field, annotated with its meaning and the bounds (`rules`) of its number."""
+    """Return the line that declares the field `name`, annotated with its meaning and the bounds (`rules`) of its value.
+
+    `has_default`: True for a default of 0.
+    """
     notes = ", ".join(f'"{note}"' for note in (meaning, *rules))
     return f"    {name}: Annotated[float, {notes}]{' = 0.0' if has_default else ''}"
 

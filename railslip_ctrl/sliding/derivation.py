@@ -33,7 +33,7 @@ UNCERTAIN = {plant.Tr: 0, plant.Fr: 0, plant.Td: 0}
 
 
 def derive_surface(reference: Reference) -> dict[str, Any]:
-    """Derive the sliding variable s and s' for a reference; return them as fields of `Reaching` by name."""
+    """Derive the sliding variable s and its rate s' for a reference; return the fields of `Reaching` by name."""
     plant_step, train, wheel = accelerations()
     motion, slip_velocity = plant.motion(), plant.SLIP_VELOCITY.rhs
     # v' stays a symbol, so that a measured v' can replace it
@@ -56,7 +56,7 @@ def derive_surface(reference: Reference) -> dict[str, Any]:
 
 
 def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
-    """Solve the equations of train and wheel for v' and omega'; return (step, v', omega')."""
+    """Solve the equations of train and wheel for v' and omega'; return (derivation step, v', omega')."""
     force = linear_solution(plant.ADHESION_TORQUE, plant.Fa)
     train = sp.expand(linear_solution(plant.TRAIN.subs(plant.Fa, force), plant.v_rate))
     wheel = sp.expand(linear_solution(plant.WHEEL, plant.omega_rate))
@@ -77,7 +77,7 @@ def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
 
 
 def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, DerivationStep, sp.Expr]:
-    """Differentiate (33) with respect to time; return (e, e', s, step, s'), with s' in sigma', v' and e."""
+    """Differentiate [Park2008] (33) in time; return (e, e', s, derivation step, s'), with s' in sigma', v' and e."""
     t, x = sp.symbols("t x", real=True)
     v_t, sigma_t = sp.Function("v")(t), sp.Function("sigma")(t)
     at_reference = linear_solution(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma).subs(plant.v, v_t)
@@ -376,8 +376,8 @@ class Derivation(Adaptation):
     - s: surface as a function of e and e_integral, (33).
     - error, reference_rate: e as a function of v, sigma and the reference; sigma_d'.
     - s_rate: s' in (Ta, Tr, Fr, Tb, Td, omega, v_rate, e) with M, J, B, r, (35).
-    - disturbance: contribution d of Tr, Fr and Td to s', with the mass written M.
-    - disturbance_perturbed: contribution d with M = Mn + Mp.
+    - disturbance: contribution d of Tr, Fr and Td to s', as a function of the mass M.
+    - disturbance_perturbed: d with the mass replaced by M = Mn + Mp (nominal mass plus perturbation).
     - equivalent_control, robust_term, control_law: Ueq (36), Ur (41), Tb (43).
     - reaching: s' under Ueq + Ur, with Ur as a symbol, (37).
     - closed_rate, reaching_product: s' and s s' under `control_law` with the disturbances, (42).

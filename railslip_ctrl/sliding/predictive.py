@@ -1,9 +1,10 @@
-"""Derivation of the predictive sliding-mode law from the plant's statement, and of the loop of its boundary layer.
+"""Derivation of the predictive sliding-mode law from the equations of the plant, and of the loop of its boundary layer.
 
-The command acts on S' directly (relative degree one). A model of the brake's lag gives T_plus, the torque that acts one
-dead time later, and the reduction of [Artstein1982] removes the dead time from the slip error. The plant is
-`plant.WHEEL`, `plant.TRAIN` and the actuator of `plant`. The surface and the reaching law are chosen. Everything else
-is derived, and a machine check decides each step. Symbols are those of `proof`; SI. Each rate has its own symbol.
+The command acts directly on S', the rate of the sliding variable S (relative degree one). A model of the brake's lag
+gives T_plus, the torque that acts one dead time later, and the reduction of [Artstein1982] removes the dead time from
+the slip error. The plant is `plant.WHEEL`, `plant.TRAIN` and the actuator of `plant`. The surface and the reaching law
+are chosen. Everything else is derived, and a machine check decides each step. Symbols are those of `proof`; SI. Each
+rate has its own symbol.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ class PredictiveDerivation(Checked):
     - disturbance: d, the part of S' due to the error of the estimate H_hat, N*m/s.
     - closed_rate: S' under the law, N*m/s.
     - sliding_rate: e_hat' on S = 0, m/s^2.
-    - authority: largest K that the brake supports downwards and upwards, N*m/s.
-    - pole: pole of the error with a static adhesion curve of slope Fa_slope, 1/s.
-    - small_gain: sum of the loop gains around the sliding motion, dimensionless; stable below 1.
+    - authority: largest K that the brake can follow while it releases and while it applies, N*m/s.
+    - pole: p in H' = (J/r) p e', the pole of the slip error e on a static adhesion curve of slope Fa_slope, 1/s.
+    - small_gain: bound of the loop gain from H' to H', dimensionless; below 1 the motion in the layer is stable.
     - loop: loop transfer function of the layer in s, E, Q, Qa, G, A and Ga, dimensionless.
     - relative_degrees: relative degrees from the command to the published s and to S.
     """
@@ -277,7 +278,10 @@ def _pole(holding: sp.Expr, train: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
 
 
 def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[DerivationStep, DerivationStep], sp.Expr]:
-    """Derive the disturbance due to the observer, and bound the loop gain from H' to H' by L1 norms of the kernels."""
+    """Derive the disturbance due to the observer, and a bound of the loop gain from H' back to H'.
+
+    The bound is the sum of the L1 norms of the impulse responses.
+    """
     p, s = sliding_symbol("p"), sp.Symbol("s", positive=True)
     lag = theta + tau_o
     observed = tau_o * H_hat_rate  # H - H_hat, as tau_o H_hat' = H - H_hat

@@ -80,7 +80,7 @@ def _is_zero(expression: sp.Expr) -> bool:
 
 
 def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
-    """Return True if both sides agree to rounding at `POINTS` random points, which are the same in every run."""
+    """Return True if both sides are equal, except for rounding, at `POINTS` random points, the same in every run."""
     import numpy as np
 
     symbols = sorted(left.free_symbols | right.free_symbols, key=str)
@@ -148,7 +148,7 @@ def step(name: str, equation: tuple[sp.Basic, sp.Basic], *holds: bool, **inserts
     """Make the step `name`, with its texts from `steps.toml`.
 
     - equation: left and right side.
-    - holds: outcomes of its checks; the step is checked if all are true.
+    - holds: results of its machine checks; the field `checked` is true if all are true.
     - inserts: values for the placeholders of the texts.
     """
     left, right = equation

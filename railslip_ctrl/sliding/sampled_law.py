@@ -80,10 +80,10 @@ class SampledLaw:
     - states: names of the states in order; `v_filtered` starts at v, the others at 0.
     - rules: bounds of every parameter, as in `RULES`.
     - meanings: meaning and unit of the adhesion law's parameters.
-    - prepare: assignments of e, v_rate, Ta and the new values of the states, before the law.
+    - prepare: assignments that come before the law: e, v_rate, Ta and the new values of the states.
     - surface: expression of s.
     - control: assignments of the torque and of the adaptation rates; the symbol `SWITCHING` replaces sgn s.
-    - control_arguments: arguments of the continuous law besides the parameters.
+    - control_arguments: arguments of the law's function `control`, which computes the torque, besides the parameters.
     - note: paragraphs on the origin of Ta.
     """
 
@@ -182,7 +182,10 @@ def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
 
 
 def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | None) -> list[Assignment]:
-    """Return the assignments for Ta of an adhesion law in closed form: slip velocity, parts, new state, Ta."""
+    """Return the assignments that compute Ta by an adhesion law in closed form.
+
+    They are, in this order, those of slip velocity, sub-expressions, new state and Ta.
+    """
     statement = law.statement()
     renamed = {symbol: sp.Symbol(PREFIX + symbol.name, **symbol.assumptions0) for symbol in law.symbols()}
     named: dict[sp.Expr, sp.Symbol] = {}
@@ -230,7 +233,7 @@ def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
 
 
 def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:
-    """Return the new value of a state, from x_new = x + h rate(x_new); the rate must be linear in the state."""
+    """Return x_new of a state, the solution of x_new = x + h rate(x_new); the rate must be linear in the state."""
     slope = sp.diff(rate, state)
     constant = rate.subs(state, 0)
     return (state + PERIOD * constant) / (1 - PERIOD * slope)

@@ -1,8 +1,9 @@
 """Effect of lag and dead time on the published law and its robust variants, and the largest stable gains.
 
-`relay_loop` finds for the linear loop whether a sliding mode exists, exact root counts, and the largest value of each
-gain. Each limit holds with the other gains unchanged; two gains at their limits may be unstable together. In the
-adaptive loop the relay acts as a gain, which is near 0 for large excursions of s and grows as they become smaller.
+`relay_loop` decides whether a sliding mode exists in the linear loop, and counts its unstable roots exactly. The
+largest stable value of a gain holds with the other gains unchanged; two gains at their limits may be unstable together.
+In the adaptive loop the relay acts as a gain, which is near 0 for large excursions of s and grows as they become
+smaller.
 `fixed_step` simulates the nonlinear wheel. A run is lost if the wheel locks or leaves the domain of the adhesion law.
 """
 
@@ -40,10 +41,10 @@ _LEAST_CROSSINGS = 3  # least number of upward zero crossings of s for a period;
 def published_loop(
     rail: Rail, *, inertia_scale: float | None = None, adhesion: str = "bristle", vehicle: Vehicle = PARK2008
 ) -> SurfaceLoop:
-    """Return the loop of the published law on a rail at 100 km/h and the adhesion law's reference slip.
+    """Return the loop of the published law on a rail, at 100 km/h and the reference slip of the law `adhesion`.
 
-    The gains are those of [Park2008] Table 4, bristle column. `inertia_scale` is a factor on M, J, B and the stiffness
-    of the bristle model; by default that of the vehicle.
+    The gains are those of [Park2008] Table 4, bristle column. `inertia_scale` multiplies M, J, B and the stiffness of a
+    dynamic adhesion law; by default it is that of the vehicle.
     """
     if inertia_scale is not None:
         vehicle = vehicle.model_copy(update={"inertia_scale": inertia_scale})
@@ -57,17 +58,23 @@ def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
 
 
 def largest_adaptation(loop: SurfaceLoop) -> float:
-    """Return the largest k, as printed, for which the loop without relay is stable; 0 if none is, inf without bound."""
+    """Return the largest adaptation gain k, in the paper's unit, for which the loop without the relay is stable.
+
+    The result is 0 if the loop is stable for no k, inf if k has no limit.
+    """
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
 
 
 @dataclass(frozen=True)
 class Survivors:
-    """Limit of each gain for a stable loop with actuator; the other gains are unchanged, the relay is a gain of 0.
+    """Limit of each gain up to which the loop with actuator is stable, while the other gains are unchanged.
+
+    The relay is replaced by a gain of 0.
 
     - stable: True if the linear part (rho, D, feed-forward) is stable; if not, the limits of k, rho and D are 0.
-    - k, rho, D: largest values with a stable loop, 1, 1/s and N*m/(m/s); inf without bound.
-    - layer: smallest boundary layer without limit cycle for the loop's K, m/s; inf if every layer has a limit cycle.
+    - k, rho, D: largest values with a stable loop, in 1, 1/s and N*m/(m/s); inf if there is no limit.
+    - layer: smallest half width of the boundary layer, m/s, with which the loop does not oscillate at its K; inf if it
+      oscillates with every layer.
     """
 
     stable: bool
@@ -111,7 +118,10 @@ class SlipRun:
 
 
 def whole_periods(run: FixedRun) -> tuple[float, slice]:
-    """Return the period, s, of the sliding variable, and the slice of its whole periods; NaN if fewer than two."""
+    """Return the period, s, of the sliding variable, and the slice of its whole periods.
+
+    The period is NaN if the run has fewer than two.
+    """
     s, time = run.s, run.time
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
@@ -122,10 +132,11 @@ def whole_periods(run: FixedRun) -> tuple[float, slice]:
 
 
 def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: float = 0.0) -> SlipRun:
-    """Simulate the law without disturbances, with known parameters, from 5 % above the reference slip velocity.
+    """Simulate the law with actuator, without disturbances, with known parameters.
 
-    The speed is frozen, or falls to 5 km/h. The slip range is that after `settling`, over whole periods if s has a
-    cycle. `duration` and `settling`, s, are multiplied by the inertia scale.
+    The run starts 5 % above the reference slip velocity. The speed is constant if `frozen` is true, otherwise it falls
+    to 5 km/h. The slip range is taken after `settling`; if s oscillates then, over whole periods. `duration` and
+    `settling`, s, are multiplied by the inertia scale.
     """
     point, scale = loop.plant.point, loop.plant.point.vehicle.inertia_scale
     started = {"duration": scale * duration, "offset": _OFFSET * point.sigma}
@@ -142,7 +153,10 @@ def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: fl
 
 
 def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
-    """Simulate the relay without adaptation at frozen speed; None without limit cycle, or if K < `SurfaceLoop.load`."""
+    """Simulate the law with relay, without adaptation, at frozen speed.
+
+    None if there is no limit cycle, or if K is too small for the torque `SurfaceLoop.load`, which the law neglects.
+    """
     if not (0.0 < loop.largest_relay_gain < math.inf and loop.load < loop.gains.K):
         return None
     still = loop.with_gains(k1=0.0, k2=0.0)
@@ -154,7 +168,7 @@ def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
 class ActuatorEffect:
     """Effect of lag and dead time on the published law at one operating point.
 
-    - existence: `SurfaceLoop.sliding_existence`; cycle: `relay_cycle`; survivors: `survivors`.
+    - existence, cycle, survivors: results of `SurfaceLoop.sliding_existence`, `relay_cycle` and `survivors`.
     - runs: simulated runs of the law with adaptation, by name.
     - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop without and with actuator, with the
       relay replaced by a gain of 0.
@@ -178,7 +192,7 @@ class ActuatorEffect:
 
     @property
     def keeps_slip_in_range(self) -> bool:
-        """True if the relay's cycle keeps the slip in range; without a cycle, True if the linear loop is stable."""
+        """True if the slip stays in range in the limit cycle; without a cycle, True if the linear loop is stable."""
         return self.unstable_linear == 0 if self.cycle is None else self.cycle.in_range
 
 
@@ -201,11 +215,12 @@ def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
 
 
 def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
-    """Decide the conditions of the published law with actuator; return them, and the findings for the conclusion.
+    """Decide the conditions of the published law with actuator; return them and the findings for the conclusion.
 
-    K in N*m, D in N*m/(m/s), the other gains as printed. The operating points have the bristle model's published
-    reference slip and 100 km/h. The finding `as_published` is the largest stable k without relay divided by the printed
-    k, in the as-published reading, by adhesion law and rail; empty if the vehicle is not the published one.
+    K in N*m, D in N*m/(m/s); the other gains are the published ones. The operating points are at 100 km/h and at the
+    published reference slips of the bristle model. The finding `as_published` has, for each adhesion law and rail, the
+    ratio of the largest stable k without relay to the printed k in the as-published reading. It is empty if the vehicle
+    is not the published one, or if a sliding mode exists.
     """
     effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))
@@ -231,10 +246,10 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
 
 
 def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
-    """Decide the conditions of boundary layer and relay with the actuator; return them, and the findings.
+    """Decide whether boundary layer and relay work with the actuator; return the conditions and the findings.
 
-    K in N*m, D in N*m/(m/s). Findings: `carried`, the largest K, N*m, for which the layer is stable on both rails;
-    `asked`, the least K of the reaching condition.
+    K in N*m, D in N*m/(m/s). Findings: `carried`, the largest K, N*m, for which the loop with the boundary layer is
+    stable on both rails; `asked`, the least K, N*m, with which the reaching condition holds; `all_hold`.
     """
     loops = {rail: published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D) for rail in Rail}
     stable = {rail: loop.is_stable(relay_gain=K / LAYER_WIDTH) for rail, loop in loops.items()}

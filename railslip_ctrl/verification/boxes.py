@@ -42,15 +42,18 @@ def upper(value: arb) -> float:
 
 
 def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
-    """Return an increasing function for balls, by its values at their ends; this is narrower than flint's enclosure."""
+    """Return an increasing function on balls, computed from its values at both ends of the ball.
+
+    The result is narrower than flint's enclosure.
+    """
     return lambda x: function(x.lower()).union(function(x.upper()))
 
 
 def _pieces(*parts: arb) -> arb:
-    """Return the smallest ball that contains the values of all pieces that may apply.
+    """Return the value of a Piecewise: the smallest ball that contains the values of all pieces that may apply.
 
-    The arguments are value and slack of each piece but the last, then the value of the last. A slack is >= 0 where
-    the condition of its piece holds. If a slack is certainly > 0, no later piece applies.
+    `parts` has a value and a slack for each piece except the last, then the value of the last piece. A piece applies
+    where its slack is >= 0 and no earlier piece applies. If a slack is certainly > 0, no later piece applies.
     """
     possible = []
     for value, slack in zip(parts[:-1:2], parts[1::2], strict=True):
@@ -95,7 +98,7 @@ def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **f
 
 
 def _exact(expression: sp.Expr) -> sp.Expr:
-    """Replace Piecewise by `pieces` of values and slacks, and fractions by exact quotients, which are not rounded."""
+    """Replace each Piecewise by a call of `pieces` (`_pieces`), and each fraction by a quotient that is not rounded."""
     pieces, ratio = sp.Function("pieces"), sp.Function("ratio")
 
     def split(one: sp.Piecewise) -> sp.Expr:
@@ -144,8 +147,9 @@ def adhesion_on_balls(law: AdhesionLaw) -> Enclosure:
 def _curve_on_balls(law: Curve) -> Callable[..., arb]:
     """Return the enclosure of the force F of `Curve` on a ball of slip ratios >= 0.
 
-    F' has the sign of G - F with the falling G = (gamma - s)/beta. So F rises until it meets G, then falls. The values
-    of F at the ends of a range are a lower bound. If the peak is in the range, G at the lower end is an upper bound.
+    F' has the sign of G - F, and G = (gamma - s)/beta falls with s. Therefore F rises until it meets G, then falls. In
+    a range of slips the smaller of F at the two ends is a lower bound of F. If the peak is in the range, G at the lower
+    end is an upper bound.
     """
     alpha, beta, gamma, R, v0 = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R, law.v0))
 
@@ -213,9 +217,9 @@ def largest(
 ) -> Largest:
     """Enclose the largest value of a function over a box by branch and bound.
 
-    The part with the largest upper bound is halved along the quantity with the largest effect on this bound. The search
-    ends when the upper bound exceeds the attained value by at most `relative` times the attained value or by
-    `absolute`, or after `most` parts.
+    The sub-box with the largest upper bound is halved along the quantity with the largest effect on this bound. The
+    search ends when the upper bound exceeds the attained value by at most `relative` times the attained value or by at
+    most `absolute`, or after `most` sub-boxes.
     """
     order, attained, at = count(), -math.inf, dict.fromkeys(box, math.nan)
 

@@ -63,7 +63,7 @@ def all_rates(v, sigma, z, torque, command, share, Tr, p, table, given):
 def run(rows, start, force, noise, plants, change, given, law, table):
     """Simulate the runs, and write each step up to the end of the stop into `rows` (runs, steps, `COLUMNS`).
 
-    - start: v, sigma, z and the previous torque; theta_hat starts at 0.
+    - start: v, sigma, z and the torque before the run; theta_hat starts at 0.
     - force, noise: random force, N, and noise of the slip velocity, m/s, (runs, steps).
     - plants: parameters before step `change`, and parameters from that step on.
     - law: numbers of the generated `Parameters`.

@@ -1,4 +1,4 @@
-"""Evaluation of V, V', s s', the bound of (40) and theta_hat along nonlinear braking runs.
+"""Evaluation of V, V', s s', the reaching condition ([Park2008] (40)) and theta_hat along nonlinear braking runs.
 
 Each condition is evaluated on the simulated wheel, with or without the actuator; the result is the share of time in
 which it holds. s' comes from the plant's rates at the true state, because with an actuator the torque differs from the
@@ -30,7 +30,7 @@ class LyapunovSignals:
     """Lyapunov function and related signals along a run, without the last two samples, where V' is not known.
 
     - time (s), s (m/s), s_rate (m/s^2).
-    - V, V_rate: s^2/2 or, with adaptation, (46), in (m/s)^2 and (m/s)^2/s.
+    - V, V_rate: V = s^2/2, or [Park2008] (46) with adaptation, in (m/s)^2, and its rate, in (m/s)^2/s.
     - V_rate_constant: V' as if the true theta were constant (without mass step and drift of B).
     - asked, available: the two sides of (40) times J/r: (J/r)|d| and K + D|s|, N*m.
     - theta_hat, theta: estimates and true values, (n, 2), 1/(kg m) and m/s.
@@ -64,7 +64,10 @@ class AlongRun:
 
 @dataclass(frozen=True)
 class LyapunovRun:
-    """A run with its conditions; `ultimate`: largest |s|, m/s, and slip error in the last third of each stage."""
+    """A run with its conditions.
+
+    `ultimate` has, for each stage, the largest |s|, m/s, and the largest slip error, a ratio, in its last third.
+    """
 
     run: Run
     signals: LyapunovSignals

@@ -1,13 +1,15 @@
 """Certified brake torques: a wheel with this torque does not lock if the brake is released.
 
-After the release the acting torque is constant for the dead time and then decays with the lag. From (3) and (4)
+After the release the acting torque T is constant for the dead time and then decays with the lag. From [Park2008] (3)
+and (4)
 
     v slip' = -(1 - slip)(Fa + Fr)/M + (r/J)(B omega + (1 + c) T - r Fa),
 
-where c T is the largest disturbance torque of the caliper. The slip rate decreases with Fa. Therefore the slip is at
-most the solution for the least Fa of each cell of slip and speed, less the bound of the random force. This solution is
-computed with the largest rate over each step. Interval arithmetic gives the least Fa. The rest uses floats, whose
-rounding `_ROUNDING` covers. The certificate excludes locking, but it does not prove that the slip converges.
+where c T is the largest disturbance torque of the caliper. The larger Fa, the smaller the slip rate. Therefore the slip
+is at most the solution in which Fa is, in each cell of slip and speed, the least adhesion force minus the bound of the
+random force. This solution is computed in steps, each with the largest rate in the step. Interval arithmetic gives the
+least Fa. The rest uses floats, whose rounding `_ROUNDING` covers. The certificate excludes locking, but it does not
+prove that the slip converges.
 """
 
 from __future__ import annotations
@@ -46,9 +48,9 @@ _ROUNDS, _TRIED = 2, 51  # refinement rounds, and torques tried in each; resolut
 
 @dataclass(frozen=True)
 class Force:
-    """Bounds of Fa, N, for speeds from `_LEAST_SPEED` up to each of `speeds`, m/s, ascending.
+    """Bounds of Fa, N, for all speeds from `_LEAST_SPEED` up to each value of `speeds`, m/s, ascending.
 
-    - least: lower bound by cells of slip from 0 to 1, (speeds, cells); 0 for cells beyond the law's domain.
+    - least: lower bound in each cell of slip from 0 to 1, (speeds, cells); 0 for cells beyond the law's domain.
     - most: upper bound over all slips, (speeds,).
     """
 
@@ -98,7 +100,7 @@ def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Float
 
 
 def released_run(run: Run, *, above: float) -> ReleasedRun:
-    """Check every `EVERY` s of a recorded run, at speeds > `above`, m/s, whether a released wheel cannot lock.
+    """Check every `EVERY` s of a recorded run, at speeds > `above`, m/s, whether locking is excluded after a release.
 
     The check uses the rail at the start of the run and the vehicle's actuator. InputError for an adhesion law with a
     state, or without interval enclosure.
@@ -124,14 +126,14 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
     weakest, row = force.least - noise, np.searchsorted(force.speeds * (1.0 + _ROUNDING), speeds)
     if np.any(row == force.speeds.size):
         raise InputError(
-            f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g} m/s, the highest speed of the "
-            "force's bounds; give a lower speed"
+            f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g} m/s, the highest speed for "
+            "which bounds of the adhesion force are known; give a lower speed"
         )
     friction = vehicle.effective_viscous_friction * speeds / r  # upper bound of B omega
     falling = (force.most[row] + noise + vehicle.resistance.force(speeds)) / M
 
     def numerator(which: Any, least: Floats, end: Floats, torque: Floats) -> Floats:
-        """Largest v slip', m/s^2, of the wheels `which` if Fa is at least `least`, N, and the slip at most `end`."""
+        """Return the largest v slip', m/s^2, of the wheels `which`, for Fa >= `least`, N, and a slip up to `end`."""
         train = -(1.0 - np.where(least > 0.0, end, 0.0)) * least / M
         wheel = r / J * (friction[which] + (1.0 + TORQUE_FRACTION) * torque - r * least)
         sizes = np.abs(train) + r / J * (friction[which] + torque + r * np.abs(least))

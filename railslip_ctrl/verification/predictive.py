@@ -5,10 +5,11 @@ T+ is the torque that acts one dead time later, H the torque that holds the refe
 
     S' = kappa (H - H_hat) + (1 + kappa theta) H_hat' - k S - K sat(S/phi).
 
-H is the sum of a part of bounded rate, |H'| <= R, and a part bounded by n that may jump: the random force, and the
-errors of the modelled dead time, lag and inertia. Filters of unit gain then give
+H is the sum of two parts: one whose rate is bounded by R, and one that may jump but is bounded by n (random force, and
+errors of the modelled dead time, lag and inertia). The observer consists of filters with gain 1, whose larger time
+constant is tau. Therefore
 
-    |H - H_hat| <= tau R + 2 n,    |H_hat'| <= R,    tau the larger of the observer's time constants.
+    |H - H_hat| <= tau R + 2 n,    |H_hat'| <= R.
 
 If K > d = kappa (tau R + 2 n) + (1 + kappa theta) R, then |S| falls to the half width phi + 2 (1 + kappa theta) n, the
 tube; for n = 0 the tube is the boundary layer. The torque differs from H by at most
@@ -58,13 +59,14 @@ _LOWEST_KMH = 10.0  #: lowest speed of the search for the lowest speed, km/h
 
 @dataclass(frozen=True)
 class PredictiveBox:
-    """Ranges over which the conditions are decided. Mass and wheel load range from empty to loaded.
+    """Ranges of the quantities over which the conditions are decided; mass and wheel load range from empty to loaded.
 
     - speed_kmh: range of train speeds, km/h.
     - slip: half width of the range of slip ratios, relative to the reference slip.
     - surface, error: largest |S|, N*m, and largest |e_hat|, m/s.
     - brake_gain, dead_time, lag, radius, train_speed, inertia: largest relative errors of the law's model.
-    - random_force: bound of the random force in standard deviations, which are proportional to the wheel load.
+    - random_force: bound of the random force as a multiple of its standard deviation, which is proportional to the
+      wheel load.
     """
 
     speed_kmh: tuple[float, float] = (60.0, INITIAL_SPEED_KMH)
@@ -97,8 +99,9 @@ _KNOWN = (plant.v, plant.slip, plant.M, plant.J, plant.B, plant.r, plant.Fr0, pl
 def holding_torque() -> tuple[sp.Expr, ...]:
     """Derive (H, P, R0, -v'): holding torque (N*m), bounds P (1/s) and R0 (N*m/s) of its rate, and deceleration.
 
-    H is the torque Tb for which e' = 0, e = lambda_d v - sigma. For an acting torque H + off, |H'| <= R0 + P |off|. The
-    observer filters the wheel's part and the train's part of H separately, so the magnitudes of their rates are added.
+    H is the torque Tb for which e' = 0, with e = lambda_d v - sigma. If the acting torque is H + off, |H'| is at most
+    R0 + P |off|. The observer filters the parts of H that come from the wheel and from the train separately. Therefore
+    the bounds are sums of the magnitudes of both parts.
     """
     motion = plant.motion()
     known = {plant.Td: 0, plant.Tr: 0, plant.sigma: plant.slip * plant.v, plant.Fa: _F}
@@ -123,7 +126,11 @@ _DRIFT_WIDTH = 1e-3  # width of the enclosure of R0 over the wheel load, 1/s; 1 
 
 
 class Extremes(NamedTuple):
-    """Enclosures over speed, slip and load: -H and H (N*m), P (1/s), R0 (N*m/s), the deceleration (m/s^2)."""
+    """Enclosures of the largest values over speed, slip and load of five quantities of `holding_torque`.
+
+    They are -H and H (holding torque, N*m), P (1/s) and R0 (N*m/s) in |H'| <= R0 + P |off|, and the deceleration of the
+    train (m/s^2).
+    """
 
     lowest: Largest
     highest: Largest
@@ -158,7 +165,10 @@ def _expressions() -> Callable[..., Any]:
 
 
 def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> list[arb]:
-    """Return H, P, R0 and -v' of `holding_torque` on balls at `speed` (m/s), `slip` and `load` (0 empty, 1 loaded)."""
+    """Return balls that contain H, P, R0 and -v' of `holding_torque`.
+
+    `point` has balls of `speed` (m/s), `slip` (ratio) and `load` (0 empty, 1 loaded).
+    """
     v, slip, load = point["speed"], point["slip"], point["load"]
     M = arb(vehicle.effective_mass) * (1 + load * (arb(vehicle.mass_loaded) / vehicle.mass - 1))
     share = 1 + load * (arb(load_ratio(vehicle)) - 1)
@@ -190,22 +200,24 @@ def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], s
 
 @dataclass(frozen=True)
 class Demand:
-    """Requirements of the law on a rail for all values in a box; each number is a bound, rounded to the safe side.
+    """Bounds that the law must satisfy on a rail for all values in a box, each rounded to the safe side.
 
-    - loop: small gain, P (theta + tau) plus the effect of the inertia's error.
+    The docstring of this module has the equations.
+
+    - loop: loop gain P (theta + tau) plus the effect of the inertia's error; it must be below 1.
     - d: bound of the disturbance of S', N*m/s, which K must exceed.
-    - at_once: bound of the disturbance including jumps of H, N*m/s.
+    - at_once: bound of the disturbance of S', N*m/s, that includes the rate of H_hat after a jump of H.
     - tube: half width of the tube about S = 0, N*m.
-    - hold: least and largest H, N*m.
-    - carried: largest K for which the command on S = 0 stays within the torque limits, for a falling and a rising
-      torque, N*m/s.
-    - left: rate of S towards 0 with the command at its limit, for a falling and a rising torque, N*m/s.
+    - hold: least and largest holding torque H, N*m.
+    - carried: largest K, N*m/s, for which the command on S = 0 stays within the torque limits, while the torque falls
+      and while it rises.
+    - left: rate of S towards 0, N*m/s, with the command at the lower and at the upper torque limit.
     - off: largest deviation dT of the torque from H, N*m.
-    - rate: largest rate of H, R, N*m/s.
-    - jump: largest jump of H, n, N*m.
+    - rate: largest rate R of H, N*m/s.
+    - jump: bound n of the part of H that may jump, N*m.
     - found: enclosures of H, P, R0 and the deceleration over speed, slip and load.
 
-    From `left` on the bounds are infinite if `loop` can be >= 1 or is not finite.
+    If `loop` can be >= 1 or is not finite, all bounds except `loop`, `hold` and `carried` are infinite.
     """
 
     loop: float
@@ -225,9 +237,9 @@ class Demand:
 def demand(
     gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox, *, attained: bool = False
 ) -> Demand:
-    """Compute the requirements of the law by the equations in the docstring of this module.
+    """Compute the bounds of `Demand` by the equations in the docstring of this module.
 
-    attained: True uses values that H, P, R0 and -v' attain in the box, rounded inward, instead of their bounds.
+    attained: True uses values that H, P, R0 and -v' certainly take in the box, instead of their bounds.
     """
     assert gains.lag is not None, "`believing` sets it"
     kappa, theta, lag = arb(gains.kappa), arb(gains.dead_time), arb(max(gains.lag, _LEAST_LAG))
@@ -265,7 +277,10 @@ def demand(
     d = kappa * (tau * rate + 2 * jump + wrong) + more * rate
 
     def left(level: arb) -> float:
-        """Return the least rate of S with the command at a limit; `level`: distance from the limit to H_hat, N*m."""
+        """Return the least rate of S towards 0 with the command at a torque limit.
+
+        `level`: distance from this limit to H_hat, N*m.
+        """
         ends = (gains.layer - ratio * kappa * box.error, ahead)
         return least(arb.min(*((level + one) / lag - kappa * one for one in ends)))
 
@@ -283,9 +298,10 @@ def demand(
 
 @dataclass(frozen=True)
 class Kept:
-    """Invariant set |S| <= surface (N*m), |e_hat| <= error (m/s), in which |e| <= slip_error (m/s).
+    """Invariant set |S| <= surface (N*m), |e_hat| <= error (m/s), in which the slip error |e| <= slip_error (m/s).
 
-    The bounds are infinite if no such set was found. inside: True if the slip stays in the box at every speed.
+    The bounds are infinite if no invariant set was found. inside: True if, in this set, the slip stays in the box at
+    every speed.
     """
 
     surface: float = math.inf
@@ -347,16 +363,19 @@ HOLDS: Mapping[str, Callable[[Predictive, Demand], bool]] = {
     "authority": lambda gains, one: min(one.carried) >= gains.switching_gain,
     "reaching at once": lambda gains, one: one.at_once < gains.switching_gain,
 }
-"""Conditions over a box by name, each as a function of the gains and the `Demand` that returns the verdict."""
+"""Conditions over a box by name; each function takes the gains and the bounds (`Demand`) and returns the verdict."""
 
 STAYS = "the slip stays in the box"
 
 
 def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dict[str, Any]]:
-    """Decide the condition `name`, `STAYS` or a key of `HOLDS`, over a box on every rail; return (verdict, numbers).
+    """Decide a condition over a box on every rail; return (verdict, numbers).
 
-    False: on some rail the condition fails when H, P, R0 and -v' have values that they attain in the box, and H - H_hat
-    and H_hat' are at their bounds. None: undecided, for example because the bounds are infinite.
+    - name: `STAYS` or a key of `HOLDS`.
+
+    The verdict is False if, on some rail, the condition fails even with values of H, P, R0 and -v' that occur in the
+    box, and with H - H_hat and H_hat' at their bounds. It is None if the condition is undecided, for example because
+    the bounds are infinite.
     """
     found = {one.rail: demand(case.gains, case.vehicle, one, box) for one in case.rails}
     numbers: dict[str, Any] = {"found": found, "gains": case.gains, "box": box, "fails": []}
@@ -389,7 +408,7 @@ def released(case: Case) -> Condition:
 
 
 def conditions(case: Case) -> tuple[Condition, ...]:
-    """Decide the conditions for an exactly known vehicle, for errors up to `ASKED`, and with the random force."""
+    """Decide the conditions for a vehicle that is known exactly or with the errors `ASKED`, and with random force."""
     exact = PredictiveBox()
     boxes = {
         **dict.fromkeys(("small gain", "reaching", "reaching within the torque limits", "authority", STAYS), exact),
@@ -411,7 +430,7 @@ _STEPS = 7  # steps of the bisection, which resolve 1 % of the range
 
 
 class _Quantity(NamedTuple):
-    """Quantity whose tolerance is searched: field of `PredictiveBox`, farthest value tried, and unit."""
+    """Quantity whose tolerance is searched: field of `PredictiveBox`, last value tried, and unit."""
 
     field: str
     most: float
@@ -437,8 +456,8 @@ def box_with(**changes: Any) -> PredictiveBox:
 def tolerances(case: Case) -> tuple[Tolerance, ...]:
     """Find the largest error of each of `QUANTITIES` for which the conditions that hold without errors still hold.
 
-    The other quantities are those of `PredictiveBox()`. `limited_by` is empty if the whole range was proved. The result
-    is empty if no condition holds without errors.
+    While one quantity is searched, the others are those of `PredictiveBox()`. `limited_by` is empty if the conditions
+    hold over the whole range that is tried. The result is empty if no condition holds without errors.
     """
     exact = PredictiveBox()
     holding = [name for name in (*list(HOLDS)[:3], STAYS) if decided(name, case, exact)[0]]
@@ -465,10 +484,10 @@ def tolerances(case: Case) -> tuple[Tolerance, ...]:
 def verify_predictive(
     vehicle: Vehicle, adhesion: RailAdhesion, *, K: float | None = None, seed: int = 0
 ) -> Verification:
-    """Decide the conditions of the predictive law for a static adhesion law; its static curve replaces `bristle`.
+    """Decide the conditions of the predictive law for a static adhesion law; `curve` replaces `bristle`.
 
     K: switching gain, N*m/s; by default that of `Predictive.for_vehicle`. InputError for another law with a state, or
-    without interval enclosure.
+    for a law without interval enclosure.
     """
     static = replace(adhesion, law="curve") if adhesion.law == "bristle" else adhesion
     gains = Predictive.for_vehicle(vehicle, **({} if K is None else {"switching_gain": K}))

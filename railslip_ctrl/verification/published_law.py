@@ -1,4 +1,7 @@
-"""Conditions of the published law: Lyapunov argument, by SymPy; reaching and theta, by numbers over boxes and runs."""
+"""Conditions of the published law: SymPy decides the Lyapunov argument, boxes and runs decide reaching and theta.
+
+Numbers in parentheses are equations of [Park2008].
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,9 @@ from .verdict import CORNERS, Condition, checked_at
 
 
 def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> dict[str, Any]:
-    """Compare s' and V' from the plant's rates under (45) and (49) with the derived s' and V', at random points.
+    """Compare the derived s' and V' with s' and V' of the plant under the published law, at random points.
+
+    The published law is [Park2008] (45), (49).
 
     Returns the largest differences, relative to the sum of the terms' magnitudes, so that cancellation does not count
     as error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice its steady value, |s| < 2 m/s. The code lists the
@@ -91,7 +96,7 @@ _IDENTITY_TOLERANCE = 1e-10  # relative; 100 times the largest rounding error of
 
 
 def lyapunov_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
-    """Decide all conditions of the Lyapunov argument; vehicle and gains are needed for the numbers."""
+    """Decide all conditions of the Lyapunov argument; the numbers in them depend on vehicle and gains."""
     made, errors, (k1_unit, k2_unit) = derive(), identity_errors(vehicle, seed=seed), gain_units()
     failed = [one.name for one in made.steps if not one.checked]
     identity = max(errors["surface_rate"], errors["lyapunov_rate"]) <= _IDENTITY_TOLERANCE
@@ -112,7 +117,7 @@ def lyapunov_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 
 def positive_definite(made: Derivation) -> Condition:
-    """Decide whether V of (46) is positive definite."""
+    """Decide whether V of [Park2008] (46) is positive definite."""
     hessian = sp.hessian(made.V, _STATE)
     constant = not any(entry.has(*_STATE) for entry in hessian)
     minors = [hessian[:n, :n].det() for n in (1, 2, 3)]
@@ -124,7 +129,7 @@ def positive_definite(made: Derivation) -> Condition:
 
 
 def cross_term_vanishes(made: Derivation) -> Condition:
-    """Decide whether the cross term of V' vanishes with the adaptation, (47)-(49)."""
+    """Decide whether the cross term of V' vanishes with the adaptation, [Park2008] (47)-(49)."""
     rate = made.V_rate.subs(dict(zip(RATE, made.adaptation, strict=True)))
     left = sp.expand(rate)
     expected = -plant.r / plant.J * (_D * _s**2 + _K * sp.Abs(_s))
@@ -134,7 +139,7 @@ def cross_term_vanishes(made: Derivation) -> Condition:
 
 
 def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide whether V' <= 0 with the disturbances, which (47) neglects."""
+    """Decide whether V' <= 0 with the disturbances, which [Park2008] (47) neglects."""
     # with the resistance alone at (J/r) d = K + x, V' at s = x/(2 D) is (r/J) x^2/(4 D) > 0
     x = sp.Symbol("x", positive=True)
     chosen = {plant.Tr: 0, plant.Td: 0, plant.Fr: (_Mn + _Mp) * plant.r / plant.J * (_K + x)}
@@ -173,7 +178,10 @@ def invariant_set(made: Derivation) -> Condition:
 
 
 def estimates_converge(made: Derivation) -> Condition:
-    """Decide whether theta_hat -> theta; the counterexample is an equilibrium with theta_tilde != 0 at constant phi."""
+    """Decide whether theta_hat converges to theta.
+
+    The counterexample is an equilibrium with theta_tilde != 0 at a constant regressor phi.
+    """
     c = sp.Symbol("c", positive=True)
     rest = {TILDE[0]: c * made.phi[1], TILDE[1]: -c * made.phi[0], _s: 0}
     ideal = made.error_dynamics - made.disturbance_perturbed
@@ -209,9 +217,11 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 
 def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide (40) for the published disturbances over the published run, with the random force within 1 sigma.
+    """Decide whether the reaching condition, [Park2008] (40), holds over the published run.
 
-    The numbers include the least gains for 3 sigma, at the reference point, and with the other inertia scale.
+    The disturbances are the published ones; the random force is bounded at one standard deviation. The numbers also
+    have the least K for three standard deviations, for 100 km/h and the reference slip only, and for inertia scale 1
+    (3.6 if the vehicle has 1).
     """
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})
@@ -239,7 +249,7 @@ def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """Decide (42) by a search for the largest s s'/|s| in the box of (40)."""
+    """Decide [Park2008] (42), s s' < -eta |s|, by a search for the largest s s'/|s| over the published run."""
     box = reaching.operating_set(vehicle, sigmas=3.0)
     known, unknown = (reaching.search(box, vehicle, gains, seed=seed, known_mass=flag) for flag in (True, False))
     numbers = {"known": known, "unknown": unknown, "box": box, "seed": seed}
@@ -248,7 +258,7 @@ def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
 
 
 def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
-    """Decide whether s reaches 0 and then stays within the layer, in simulated disturbed stops without actuator."""
+    """Decide by simulation of disturbed stops without actuator whether s reaches 0 and then stays within the layer."""
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP, disturbed=True, seeds=seeds)
     fall = np.diff(0.5 * run.s**2, axis=0)
     finite, start = np.abs(run.s[np.isfinite(run.s)]), float(run.s[0, 0])
@@ -272,7 +282,7 @@ def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]
 
 
 def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide whether the ultimate bound of |s| is within a boundary layer that is added to the published law."""
+    """Add a boundary layer to the published law and decide whether |s| finally stays within the layer."""
     largest = reaching.least_gain(vehicle, reaching.reference_set(vehicle, sigmas=1.0), rho=gains.rho)
     inside = largest / (gains.D + gains.K / LAYER_WIDTH)
     bound = inside if inside <= LAYER_WIDTH else (largest - gains.K) / gains.D
@@ -287,7 +297,7 @@ def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
     - speed: speed at 25 s, m/s; None if the stop ends earlier.
     - theta_step: step of theta1, 1/(kg m).
     - jump: step of V if theta_tilde = 0 before the step, m^2/s^2.
-    - friction_level: V due to theta2_tilde after 25 s of B = 0.25 - 0.01 t with constant theta2_hat, m^2/s^2.
+    - friction_level: part of V due to theta2_tilde, m^2/s^2, after 25 s with B = 0.25 - 0.01 t and constant theta2_hat.
     - surface_step: step of s when the reference slip changes to that of wet rail, m/s; None if the stop ends earlier.
     """
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP)
@@ -303,7 +313,10 @@ def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
 
 
 def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide whether theta' = 0, as (47) assumes; for a stop below 25 s also with the as-published inertia scale."""
+    """Decide whether theta' = 0, as [Park2008] (47) assumes.
+
+    If the stop ends before 25 s, the numbers include a stop with the as-published inertia scale.
+    """
     here = parameter_step(vehicle, gains)
     steps = {vehicle.inertia_scale: here}
     if here["speed"] is None:
@@ -316,11 +329,12 @@ def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> dict[str, float]:
-    """Simulate the drift of theta_hat at constant 100 km/h on dry rail, from theta_hat = theta, with slip noise.
+    """Simulate the drift of theta_hat due to slip noise, at constant 100 km/h on dry rail, from theta_hat = theta.
 
-    The drift is the mean rate of w' theta_hat over `DRIFT_TIME`, with w = (k2 omega, -k1 Ta), the direction in which s
-    does not move theta_hat. Returns its `mean` and `standard_error` over the seeds, its `predicted` value, its
-    `noiseless` value, and `per_second`, the mean as a rate of torque (J/r) |Ta theta1_hat'|, N m per s.
+    The drift is the mean rate, over `DRIFT_TIME`, of w1 theta1_hat + w2 theta2_hat with w = (k2 omega, -k1 Ta); in this
+    direction s does not change theta_hat. Returns, by name: `mean` and `standard_error` of the drift over the seeds,
+    the `predicted` drift, the drift without noise (`noiseless`), and `per_second`, the mean drift as a rate of torque
+    (J/r) |Ta theta1_hat'|, N m per s.
     """
     speed = INITIAL_SPEED_KMH * KMH
     settings: dict[str, Any] = {"duration": DRIFT_TIME, "constant_speed": speed}

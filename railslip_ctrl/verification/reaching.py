@@ -1,4 +1,4 @@
-"""The reaching condition (40) as a bound on K over a box, in torque at the wheel, (J/r) d.
+"""The reaching condition, [Park2008] (40), as a lower bound of K over a box; disturbances are torques, (J/r) d.
 
 Td is a fraction q of the acting torque, which contains K: Tb = Ueq + D s + K sgn s. With |q| <= c < 1
 
@@ -12,8 +12,8 @@ The bound is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2,
 maximum over a box of these quantities is at a corner. The adhesion torque is an independent state, as in the bristle
 model. Ta and Tr grow with the wheel load, which is convex in 1/M, so the maximum stays at a corner.
 
-`search` is an independent search for a counterexample with the law's torque and s' of the plant. That s' includes
-theta_tilde' phi, which the bound leaves to the adaptation.
+`search` is an independent search for a counterexample with the law's torque and s' of the plant. This s' includes the
+term theta_tilde' phi. The bound of K does not, because the adaptation cancels it in V'.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi  #: decay, 1/s, and frequen
 
 
 def torque_share(time: Floats) -> Floats:
-    """Return the ratio of Td to the acting brake torque at times, s, of any shape."""
+    """Return the ratio of the published disturbance torque Td to the acting brake torque; `time`, s, has any shape."""
     return np.asarray(TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time))
 
 
@@ -60,19 +60,19 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class ReachingSet:
-    """Box of operating points over which (40) is decided; ranges are (lowest, highest).
+    """Box of operating points over which the reaching condition (40) is decided; ranges are (lowest, highest).
 
     - random_torque: bound of |Tr|, N*m.
     - torque_fraction: c < 1 in |Td| <= c |Tb|.
-    - resistance, adhesion_torque: Fr, N, and Ta, N*m.
-    - speed, slip: m/s and ratio; e = (lambda_d - slip) v, omega = (1 - slip) v/r.
+    - resistance, adhesion_torque: ranges of Fr, N, and Ta, N*m.
+    - speed, slip: ranges, m/s and ratio; e = (lambda_d - slip) v, omega = (1 - slip) v/r.
     - mass: true mass, kg, without the inertia scale.
     - theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s.
     - torque_error, rate_error: relative errors Ta_hat/Ta - 1 and v'_hat/v' - 1.
     - inertia_error: relative error of the law's J.
     - brake_gain: largest relative error of the brake's gain, < 1.
     - torque_limits: limits of the command, N*m.
-    - heavier: factor on Ta and Tr at the largest mass; 1 at the smallest, linear in between.
+    - heavier: factor on Ta and Tr at the largest mass. It is 1 at the smallest mass and linear in the mass in between.
     """
 
     random_torque: float
@@ -93,16 +93,17 @@ class ReachingSet:
 
     @property
     def share(self) -> Range:
-        """Range of the ratio of acting to commanded torque, minus 1: (1 + Td/Tb) times the brake's gain, minus 1."""
+        """Range of (acting torque + Td)/commanded torque - 1, a ratio, over Td and the brake's gain."""
         c, g = self.torque_fraction, self.brake_gain
         return (1.0 - c) * (1.0 - g) - 1.0, (1.0 + c) * (1.0 + g) - 1.0
 
 
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
-    """Return the point of the published run that needs the smallest K: 100 km/h, dry, e = 0, steady-state adhesion.
+    """Return a box with only the reference point of the published run: 100 km/h, dry, e = 0, steady-state adhesion.
 
-    The random force is bounded at `sigmas` standard deviations. `with_torque=False` neglects Td, which decays by the
-    factor exp(-4) in one second.
+    Of all points of the run, (40) requires the smallest K here. The random force is bounded at `sigmas` standard
+    deviations. `with_torque=False` neglects the disturbance torque Td, which decays by the factor exp(-4) in one
+    second.
     """
     slip, speed = reference_slip(), INITIAL_SPEED_KMH * KMH
     torque = rest_adhesion_torque(vehicle, speed, slip)
@@ -134,7 +135,7 @@ def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
 
 
 def load_ratio(vehicle: Vehicle) -> float:
-    """Return the ratio of loaded to empty wheel load, or that of the masses if both wheel loads are equal."""
+    """Return the ratio of loaded to empty wheel load; if these are equal, the ratio of loaded to empty mass."""
     if vehicle.wheel_load_loaded != vehicle.wheel_load:
         return vehicle.wheel_load_loaded / vehicle.wheel_load
     return vehicle.mass_loaded / vehicle.mass
@@ -161,7 +162,7 @@ def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail
 
 
 def vanishing_slip_torque(vehicle: Vehicle, rail: Rail = Rail.DRY) -> float:
-    """Return the largest steady-state Ta, N*m, which is at vanishing slip and 100 km/h."""
+    """Return the largest steady-state Ta, N*m: that at 100 km/h and a slip just above 0."""
     return rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail)
 
 
@@ -173,7 +174,10 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
 
 @cache
 def derived(arguments: str, which: str) -> Callable[..., Any]:
-    """Return the expression `which` of `derive()` as a function of arrays, SI; `arguments` are names of symbols."""
+    """Return the field `which` of the derivation (`derive`) as a function of arrays in SI.
+
+    `arguments`: names of the symbols that the function takes, in order, separated by spaces.
+    """
     symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
     expression = getattr(derive(), which)
     if which == "adaptive_law_control":  # `switch` stands for sgn s
@@ -184,7 +188,10 @@ def derived(arguments: str, which: str) -> Callable[..., Any]:
 
 
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """Return the true theta, (44) corrected, of a vehicle relative to the nominal vehicle, 1/(kg m) and m/s."""
+    """Return the true theta of a vehicle, 1/(kg m) and m/s, if the law assumes the nominal vehicle.
+
+    theta is that of [Park2008] (44), corrected.
+    """
     Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
     known = (vehicle.wheel.radius, vehicle.effective_inertia)
     perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
@@ -192,7 +199,7 @@ def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
 
 
 def law_parameters(**values: float) -> Any:
-    """Return the parameters of the generated law with these `values`; by default no boundary layer or torque limits."""
+    """Return the generated law's parameters `values`; by default without boundary layer and torque limits."""
     free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
     return generated_law().Parameters(**{**free, **values})
 
@@ -211,16 +218,16 @@ _ERRORS = (sp.Symbol("a", real=True), sp.Symbol("b", real=True))  # Ta_hat/Ta - 
 _INERTIA_ERROR = sp.Symbol("j", real=True)  # J of the law divided by the wheel's J, minus 1
 
 BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS, *_ERRORS, _INERTIA_ERROR)
-"""Variables in each of which the bound is affine."""
+"""Variables of `required_gain`; the K that (40) requires is affine in each of them."""
 
 _PARAMETERS = (_SIDE, _FRACTION, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
 
 
 def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
-    """Return s' under (45) without the term theta_tilde' phi_hat, m/s^2; `share` is acting over commanded torque.
+    """Return s', m/s^2, under the law [Park2008] (45), without the term theta_tilde' phi_hat.
 
-    phi_hat = (Ta_hat, omega). The adaptation cancels this term in V'. Without adaptation theta_hat = theta, and the
-    term is 0.
+    `share` is the ratio of acting to commanded torque; phi_hat = (Ta_hat, omega). The adaptation cancels the term in
+    V'. Without adaptation theta_hat = theta, and the term is 0.
     """
     estimates = (plant.Ta * (1 + _ERRORS[0]), plant.v_rate * (1 + _ERRORS[1]))
     seen = dict(zip((plant.Ta, plant.v_rate), estimates, strict=True))
@@ -238,10 +245,11 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
 
 @cache
 def required_gain() -> Callable[..., Any]:
-    """Return a function that computes the K, N*m, at which s' = 0 at s = 0+ (`side` 1) or 0- (-1), with Td = q Tb.
+    """Return a function that computes the K, N*m, that (40) requires at a point: with this K, s' is 0 at s = 0.
 
-    s' is that of `effective_rate`. The function takes `BOX_VARIABLES`, then `_PARAMETERS`. ArithmeticError if K is not
-    affine in each of the variables, which a change of the plant could cause.
+    s' is that of `effective_rate`, with Td = q Tb, and s approaches 0 from above (`side` 1) or from below (-1). The
+    function takes `BOX_VARIABLES`, then `_PARAMETERS`. ArithmeticError if K is not affine in each of the variables,
+    which a change of the plant could cause.
     """
     rate = effective_rate(derive(), 1 + _FRACTION)
     approach = sp.expand(_SIDE * rate.subs(sp.sign(_s), _SIDE).subs(_s, 0)).subs(_SIDE**2, 1)
@@ -258,15 +266,15 @@ def required_gain() -> Callable[..., Any]:
 
 
 def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW.rho) -> float:
-    """Return the least gain K_min, N*m, >= 0, above which (40) holds down to s = 0 over the box.
+    """Return the least K, N*m, >= 0, above which the reaching condition (40) holds over the box for every s.
 
-    For a smaller K (40) fails at a corner of the box. The law's nominal parameters are those of the vehicle.
+    With a smaller K it fails at a corner of the box. The law's nominal parameters are those of the vehicle.
     """
     return max(0.0, float(np.max(_at_corners(vehicle, box, rho))))
 
 
 def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.rho) -> Any:
-    """Return the K that (40) requires, N*m, at every corner, in a fixed order."""
+    """Return the K, N*m, that (40) requires at each corner of the box, in a fixed order."""
     random = (-box.random_torque, box.random_torque)
     axes = (random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
     errors, sides = (box.torque_error, box.rate_error, box.inertia_error), ((-1.0, 1.0), box.share)
@@ -282,12 +290,15 @@ def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.r
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:
-    """Return the least |s|, m/s, at which D |s| replaces the missing part of K (N*m); 0 if K suffices; D > 0."""
+    """Return the least |s|, m/s, at which D |s| (D > 0) compensates for a K, N*m, that is too small; 0 if K is not."""
     return max(0.0, least_gain(vehicle, box) - K) / D
 
 
 def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> float:
-    """Return the time from s = start (m/s) to s = 0 without disturbances, s: ln(1 + D |start|/K)/D0; inf for K = 0."""
+    """Return the time, s, in which s falls from `start` (m/s) to 0 without disturbances; inf for K = 0.
+
+    It is ln(1 + D |start|/K)/D0 with D0 = (r/J) D.
+    """
     if K == 0.0:
         return math.inf
     return math.log1p(D * abs(start) / K) * vehicle.effective_inertia / (vehicle.wheel.radius * D)
@@ -298,8 +309,8 @@ def tolerated_error(
 ) -> float:
     """Return the largest relative error `name` for which K (N*m) satisfies (40) over the box.
 
-    The other of the two errors has the range in the box. The result is 0 if K is too small even without error. It is
-    exact, because the bound is affine in the error.
+    The error that `name` does not name has its range in the box. The result is 0 if K is too small even without the
+    error `name`. It is exact, because the K that (40) requires is affine in the error.
     """
     errors: tuple[dict[str, Any], ...] = ({name: (0.0, 0.0)}, {name: (-1.0, 1.0)})
     exact, wrong = (_at_corners(vehicle, replace(box, **error)) for error in errors)
@@ -312,8 +323,8 @@ def tolerated_error(
 SEARCHED = ("v", "slip", "Ta", "M", "Tr", "share", "theta_hat1", "theta_hat2", "a", "b", "j", "side")
 """Coordinates of the search, in this order.
 
-Units: m/s, 1, N*m, kg, N*m, 1, 1/(kg m), m/s, and 1 for the others. share: acting over commanded torque, minus 1; a, b:
-relative errors of Ta_hat and v'_hat; j: relative error of the law's J; side: a number with the sign of s.
+Units: m/s, 1, N*m, kg, N*m, 1, 1/(kg m), m/s, and 1 for the others. share: see `ReachingSet.share`; a, b: relative
+errors of Ta_hat and v'_hat; j: relative error of the law's J; side: a number with the sign of s.
 """
 
 _RANDOM_POINTS, _STARTS = 20_000, 2  # random points, and best points from which the optimiser starts
@@ -334,10 +345,13 @@ class WorstPoint:
 def approach(
     points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0, *, limits: Range = (-math.inf, math.inf)
 ) -> Floats:
-    """Return s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s, and commands within limits, N*m.
+    """Return s s'/|s|, m/s^2, of the plant on dry rail under the law [Park2008] (45).
 
-    s' comes from the plant's rates on dry rail under (45). s does not depend on e, because the integral of e may have
-    any value. The law's other nominal parameters are those of the vehicle.
+    - points: (12, n), the coordinates `SEARCHED` of n points.
+    - surface: |s|, m/s. s does not depend on e, because the integral of e may have any value.
+    - limits: lower and upper limit of the command, N*m.
+
+    The law's other nominal parameters are those of the vehicle.
     """
     v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
     functions, parameters = bristle_plant(vehicle)
@@ -359,8 +373,8 @@ def approach(
 def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
     """Search for the largest s s'/|s| as s -> 0 at corners and random points of the box, then by L-BFGS-B.
 
-    The resistance is that of the vehicle at the speed; the box limits the command. `known_mass=True` takes theta_hat1 =
-    theta1 at each point instead of the box's range.
+    The resistance follows from the speed, and `box.torque_limits` limits the command. With `known_mass=True`
+    theta_hat1 is the true theta1 of each point; otherwise it has the range in the box.
     """
     from scipy.optimize import minimize
 
@@ -388,9 +402,9 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, kn
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:
-    """Return the points of `SEARCHED` at positions `shares` (0 to 1) along the box's sides, (12, n).
+    """Return points of the box, (12, n), with the coordinates `SEARCHED`; Ta and Tr grow with the mass.
 
-    Ta and Tr grow with the mass.
+    - shares: (12, n), ratios; 0 is the lower and 1 the upper end of the range of a coordinate.
     """
     random = (-box.random_torque, box.random_torque)
     known = (box.theta_hat1, box.theta_hat2, box.torque_error, box.rate_error, box.inertia_error)

@@ -40,7 +40,7 @@ from railslip_ctrl.model.vehicle import Actuator
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 
 OMEGA_UNIT_FACTOR = PUBLISHED_LAW.k2 / PUBLISHED_LAW.k1
-"""Factor 3.6^2 in theta2' = 12.96 k s omega (SI, printed k), because s and omega are 3.6 times larger in km/h."""
+"""Factor 3.6^2 in theta2_hat' = 12.96 k s omega in SI: the printed k is for s and omega from speeds in km/h."""
 
 SLOWEST = 1e-4  # first rate tried, 1/s (for the adaptation, its square): far slower than any stop
 _RATIO, _STEPS = 1.2, 76  # factor between the gains tried, and their number: up to 1e6 times the first
@@ -50,8 +50,8 @@ _TOLERANCE = 1e-9  # relative tolerance of the bisection, far above the rounding
 def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
     """Return the upper end of the first range of gains above `start` (> 0) in which `stable` holds, to 1e-9.
 
-    0 if no gain is stable, inf if the range reaches 1e6 start. Gains are tried in steps of 20 %, so that a narrower
-    range may be missed.
+    The result is 0 if `stable` holds for no gain, and inf if the range reaches 1e6 `start`. Gains are tried in steps of
+    20 %, so that a narrower range may be missed.
     """
     gains = [start * _RATIO**n for n in range(_STEPS)]
     first = next((n for n, gain in enumerate(gains) if stable(gain)), None)
@@ -88,7 +88,7 @@ class SurfaceLoop:
 
     @property
     def load(self) -> float:
-        """Torque that the law neglects, N*m: (J/r) Fr/M, as [Park2008] (36) has no travelling resistance."""
+        """Torque (J/r) Fr/M, N*m, that the law neglects, because [Park2008] (36) has no travelling resistance Fr."""
         vehicle, v = self.plant.point.vehicle, self.plant.point.speed
         return float(vehicle.resistance.force(v) / vehicle.effective_mass / self.plant.gain)
 
@@ -142,11 +142,15 @@ class SurfaceLoop:
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).is_stable()
 
     def sliding_existence(self) -> dict[str, Any]:
-        """Return whether an ideal sliding mode on s = 0 `exists` ([Utkin1992]), with the reason by name.
+        """Decide whether an ideal sliding mode on s = 0 exists ([Utkin1992]); return verdict and reasons by name.
 
-        It exists only if W has relative degree 1 and no dead time: only then does a switch of the relay reverse s' at
-        once. relative_degree: number of poles minus zeros of W without its dead time. high_frequency_gain: limit of
-        s^relative_degree W(s) for s to infinity, (m/s) s^-relative_degree/(N*m), > 0.
+        W is the transfer function from the torque of the relay to -s. The mode exists only if W has relative degree 1
+        and no dead time, because only then a switch of the relay reverses s' at once.
+
+        - exists: True if the mode exists.
+        - relative_degree: number of poles minus number of zeros of W without its dead time.
+        - high_frequency_gain: limit of s^relative_degree W(s) for s to infinity, (m/s) s^-relative_degree/(N*m), > 0.
+        - dead_time, lag: those of the actuator, s.
         """
         lag, dead_time = self.actuator.lag, self.actuator.dead_time
         degree, gain = (2, self.plant.gain / lag) if lag > 0 else (1, self.plant.gain)
@@ -157,6 +161,6 @@ class SurfaceLoop:
     def largest_relay_gain(self) -> float:
         """Largest stable relay gain, N*m/(m/s); inf if every gain is stable, 0 if no gain is stable.
 
-        A boundary layer wider than K divided by this gain does not oscillate.
+        With a boundary layer whose half width exceeds K divided by this gain, the loop does not oscillate.
         """
         return stable_up_to(lambda gain: self.is_stable(relay_gain=gain), SLOWEST / self.plant.gain)

@@ -1,10 +1,11 @@
 """Robust variants of the law, derived and verified: boundary layer, dead zone, projection, leak, matrix gain.
 
-All use the derived error dynamics and the Lyapunov function V with one adaptation gain for each component of theta. Let
-Td = q Tb, with the acting torque Tb. Then s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0 and the
-law's regressor phi = (Ta_hat, omega). The effective disturbance d includes the errors of Ta_hat and v'_hat, but not s,
-D or K (`effective_disturbance`). d_max bounds |d|, m/s^2, and (J/r) d_max is the least gain of (40). The actuator is
-not included: the torque acts at once. Proofs, whose hypotheses are checked, and simulated runs decide the conditions.
+The variants use the derived error dynamics and the Lyapunov function V with an adaptation gain for each component of
+theta. Let Td = q Tb; Tb is the acting torque. Then s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0,
+and the law's regressor is phi = (Ta_hat, omega). The effective disturbance d includes the errors of Ta_hat and v'_hat,
+but not s, D or K (`effective_disturbance`). d_max bounds |d|, m/s^2, and (J/r) d_max is the least K with which the
+reaching condition, [Park2008] (40), holds. The actuator is not included: the torque acts at once. Proofs, whose
+hypotheses are checked, and simulated runs decide the conditions.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def effective_disturbance() -> sp.Expr:
 
 
 def _error_rate(made: Derivation) -> sp.Expr:
-    """Return s' in theta_tilde, h and the symbol d, which stands for `effective_disturbance`."""
+    """Return s' as a function of theta_tilde, h and the symbol d, which stands for `effective_disturbance`."""
     effective_disturbance()  # raises ArithmeticError if s' does not have this form
     ideal = made.error_dynamics - made.disturbance_perturbed
     known = ideal.subs(dict.fromkeys(TILDE, 0))
@@ -98,10 +99,9 @@ def boundary_layer_proved() -> bool:
 
 @cache
 def dead_zone_proved() -> bool:
-    """Prove for the dead zone that V' <= -h D0 s_D^2, so that |s| enters [0, Phi].
+    """Prove for the dead zone that V' <= -h D0 s_D^2 with s_D = s - Phi sat(s/Phi), so that |s| falls to Phi.
 
-    s_D = s - Phi sat(s/Phi) replaces s in V, and theta_hat_i' = k_i s_D phi_i. Inside the layer s_D = 0, theta_hat is
-    constant and V' = 0.
+    In V, s_D replaces s, and theta_hat_i' = k_i s_D phi_i. Inside the layer s_D = 0, theta_hat is constant and V' = 0.
     """
     made = derive()
     above = _error_rate(made).subs(sp.sign(s), 1)
@@ -139,8 +139,8 @@ def projection_proved() -> bool:
 def leak_proved() -> bool:
     """Prove for the leak, if K0 >= d_max: V' <= -c V + ell V_theta with c = min(2 h D0, ell).
 
-    theta_hat_i' = k_i s phi_i - ell theta_hat_i and V_theta = sum theta_i^2/(2 k_i). So V falls to ell V_theta/c, with
-    c for the smallest h.
+    theta_hat_i' = k_i s phi_i - ell theta_hat_i and V_theta = sum theta_i^2/(2 k_i). Therefore V falls to
+    ell V_theta/c, where c is computed with the smallest h.
     """
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made))
@@ -211,7 +211,8 @@ def dead_zone_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUB
 def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
     """Return gains with relay and leak; K, N*m, by default `GAIN_MARGIN` times the gain of `leak_bound`.
 
-    The leak is ell = 2 h D0 at the smallest h, the smallest leak with which the bound decays at its largest rate.
+    The leak is ell = 2 h D0 with the smallest h. With a smaller leak the bound decays more slowly, with a larger leak
+    not faster.
     """
     leaking = replace(PUBLISHED_LAW, D=D, leak=slowest_rate(vehicle, D))
     return replace(leaking, K=GAIN_MARGIN * leak_bound(vehicle, leaking)["gain"] if K is None else K)
@@ -228,7 +229,10 @@ def least_share() -> float:
 
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the box of theta for masses from empty to loaded and B from nominal to `LOWEST_FRICTION`, with margin."""
+    """Return the ranges of theta1 and theta2, with a margin, over the masses and B.
+
+    The mass ranges from empty to loaded, B from its nominal value to `LOWEST_FRICTION`.
+    """
     first, second = (
         (min(0.0, corner) - _BOX_MARGIN * abs(corner), max(0.0, corner) + _BOX_MARGIN * abs(corner))
         for corner in farthest_theta(vehicle).tolist()
@@ -278,12 +282,12 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
 
 
 def _down_to_5_kmh(name: str, holds: bool, how: str, numbers: dict[str, Any], **more: Any) -> Condition:
-    """Return a condition over the published run, which holds, if it holds at all, down to 5 km/h."""
+    """Return a condition over the published run; if it holds, its field `down_to_kmh` is 5 km/h."""
     return Condition(name, holds, how, numbers, down_to_kmh=reaching.LOWEST_SPEED_KMH if holds else None, **more)
 
 
 def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
-    """Decide (40) over the box of the design, and find the largest errors of the estimates that K tolerates."""
+    """Decide the reaching condition (40) over `robust_set`; find the largest errors of Ta_hat and v'_hat for this K."""
     box = robust_set(vehicle)
     exact = replace(box, torque_error=(0.0, 0.0), rate_error=(0.0, 0.0))
     tolerated = {
@@ -295,7 +299,10 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
 
 
 def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool) -> Condition:
-    """Decide by search whether s s' < 0 for the plant; `limited=True` limits the torque to 0 .. full brake torque."""
+    """Search `robust_set` for a point of the plant with s s' >= 0; the condition holds if none is found.
+
+    `limited=True` limits the torque to 0 .. full brake torque.
+    """
     box = robust_set(vehicle)
     if limited:
         box = replace(box, torque_limits=(0.0, full_brake_torque(vehicle)))
@@ -306,7 +313,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool)
 
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide (40) if Ta_hat is computed for the wrong rail: dry instead of wet, or wet instead of dry."""
+    """Decide the reaching condition (40) if Ta_hat is computed for the wrong rail: dry for wet, or wet for dry."""
     box = robust_set(vehicle)
     on_wet, on_dry = (reaching.vanishing_slip_torque(vehicle, rail) for rail in (Rail.WET, Rail.DRY))
     wet = on_wet / on_dry
@@ -324,7 +331,7 @@ def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, layer: dict[str, Any], seeds: tuple[int, ...]) -> Condition:
-    """Decide whether |s| stays within its bound in simulated disturbed stops with a boundary layer and known theta."""
+    """Decide by simulation of disturbed stops, with boundary layer and known theta, whether |s| stays in its bound."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
     run = simulate_ideal(vehicle, still, duration=_DURATION, disturbed=True, seeds=seeds)
     kept, numbers = _in_the_layer(run, gains, layer["bound"], layer["largest"])
@@ -343,8 +350,8 @@ def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
 def _in_the_layer(run: IdealRun, gains: LawGains, bound: float, largest: float) -> tuple[bool, dict[str, Any]]:
     """Check that |s| falls below the bound, m/s, and stays there, and that the disturbance is at most `largest`, N*m.
 
-    Returns the verdict and numbers: `reached`, time, s, at which the last run falls below the bound (inf: never);
-    `highest`, largest |s| afterwards; `disturbed`, largest disturbance, N*m.
+    Returns the verdict and numbers: `reached`, the time, s, at which |s| has fallen below the bound in all runs (inf if
+    it has not in some run); `highest`, the largest |s| afterwards, m/s; `disturbed`, the largest disturbance, N*m.
     """
     size, disturbed = np.abs(run.s), largest_disturbance(run, gains)
     first, reached, highest = np.argmax(size <= bound, axis=0), math.inf, gains.layer
@@ -361,7 +368,7 @@ def _unknown_load_run(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...])
 
 
 def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
-    """Decide in runs whether V (with s_D) never rises, |s| stays in the layer, and theta_hat stays in its box."""
+    """Decide by simulation whether V (with s_D) never rises and |s| and theta_hat stay in the layer and in the box."""
     run = _unknown_load_run(vehicle, gains, seeds)
     V = run.V - 0.5 * run.s**2 + 0.5 * np.maximum(np.abs(run.s) - gains.layer, 0.0) ** 2
     rise = float(np.nanmax(V - np.fmin.accumulate(V, axis=0))) / float(V[0, 0])
@@ -387,7 +394,7 @@ def leak_bound(vehicle: Vehicle, gains: LawGains) -> dict[str, float]:
     - surface: |s| for V = level, m/s.
     - gain: least K of (40), N*m, over the set V <= max(V(0), level); with a larger K this set is invariant.
 
-    theta is `farthest_theta`.
+    The bound is computed with the theta of `farthest_theta`.
     """
     theta = farthest_theta(vehicle)
     k = (gains.k1, gains.k2)

@@ -33,8 +33,8 @@ class Condition:
       `checked_at`.
     - numbers: numbers that decide the condition.
     - claimed: True if [Park2008] claims the condition or relies on it.
-    - down_to_kmh: lowest speed of the range from 100 km/h in which the condition holds; None if it does not hold or
-      does not depend on speed.
+    - down_to_kmh: speed, km/h, down to which the condition holds from 100 km/h on; None if it does not hold or does not
+      depend on speed.
     - tolerated: largest relative errors of the law's estimates, by name; inf without bound.
     """
 
@@ -49,7 +49,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest `value` of a quantity, in `unit`, for which all conditions hold; other quantities are as in the box.
+    """Limit `value` of a quantity, in `unit`, up to which the conditions hold; the other quantities are as in the box.
 
     `limited_by` is the condition that fails for larger values.
     """

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "18eae9362d7977f291e35c2237b3d1a77c0bcf9a79d73c02933cb4f90f615215"
+SOURCES_SHA256 = "b8fcfc90bce56bf95405fe7d768f9a9e75a9b7e33bd70156de9426389aae4141"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b4e2d3619c7b42e4c931a692f69bd7074c4747a616683b175840d5d25da61cc2"
+SOURCES_SHA256 = "ec338f3a7b3913b86a531e74e6dcea2ea0fd883d24db1bba4daee4bdc59a860a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

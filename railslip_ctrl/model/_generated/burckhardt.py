@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "038fb4efd4f07fdcd1515f415857556549c2e12ba0181f6b697cb07dfdc3070d"
+SOURCES_SHA256 = "6896bcda4cc73f70cb26899564d27286c743d9f98fe9aa345060f4dded9a1228"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

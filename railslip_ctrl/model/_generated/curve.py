@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "21a69d70acaa2a97956534bc0c00f3cc7e0312339d73c92818fa647e2e1e946c"
+SOURCES_SHA256 = "0d336996a1d851d9bdce1c17d8eb4a510fdc43db83a441f4a3a2e74bab3a07a2"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "a5cfbc8d272d1a4a17286c8dbaffb9203dbc42c002f96ddeaafde8aa07f08b2e"
+SOURCES_SHA256 = "eae330ec3078172cbaf765e15be37cfdafa68e33b9f0d87309e6f0c91f57abe6"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

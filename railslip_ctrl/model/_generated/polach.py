@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "5453e0e98e304e827fd0abc0b2ce4deb67f8e647ca33a9347c36c242971d62c0"
+SOURCES_SHA256 = "94e7172e9ee494676389ffa87cb4916b5e67719f93ced422d5d7135f850a13ce"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

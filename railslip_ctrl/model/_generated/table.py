@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "e6b2c271bbb5bdae662d30a470dd99dd0a321572588a699f35d475ab01ae9e78"
+SOURCES_SHA256 = "f2f187469a449f13e40dcce90265eaaf29091007cd8583c39bbc735f634a36f1"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -1,4 +1,4 @@
-"""Adhesion laws: parameters, domain, dry and wet rail, equations in SymPy; published sets and laws from files.
+"""Adhesion laws, published or from a file: records of parameters with equations in SymPy, for dry and wet rail.
 
 A law is a subclass of `AdhesionLaw` in a module of this package; the package finds it automatically.
 """
@@ -43,7 +43,7 @@ def _laws() -> Iterator[type[AdhesionLaw]]:
 
 
 def law_classes() -> dict[str, type[AdhesionLaw]]:
-    """All laws by name, in alphabetical order."""
+    """Classes of all laws by name, in alphabetical order."""
     return {law.name: law for law in sorted(_laws(), key=lambda law: law.name)}
 
 
@@ -73,7 +73,7 @@ def published_law(
     is the project's assumption; [Park2008] has results for 34 500 N only.
 
     - name: one of `law_names`, with hyphens or underscores. [Park2008] gives parameters for "beam" ((5)-(10), Table 1),
-      "bristle" ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); each law names its `source`.
+      "bristle" ((19)-(24), (30)-(32)) and its "curve" (Fig. 17). The attribute `source` of a law names its publication.
     - rail: rail condition of the parameters: "dry" or "wet".
     - initial_speed_kmh: speed v0 at which braking starts, km/h, 30 to 140; not the present speed. A law whose published
       parameters do not depend on v0 ignores it.
@@ -116,7 +116,7 @@ _ROUNDING = 1e-6  # relative tolerance of the range of v0, for a speed converted
 
 
 class LawFile(Record):
-    """Keys of the file of an adhesion law."""
+    """Keys of an adhesion law's TOML file."""
 
     law: str = Field(description="name of the law")
     condition: Rail = Field(Rail.DRY, description="rail condition of the parameters")
@@ -149,7 +149,7 @@ class LawFile(Record):
 
 
 class SlipsOverSpeed(Record):
-    """Table `[reference_slip]` of a law with reference slips over v0, interpolated linearly."""
+    """Table `[reference_slip]` of a law's file if the reference slips depend on v0; interpolation in v0 is linear."""
 
     initial_speed: tuple[float, ...] = quantity("km/h", "initial speeds v0, ascending")
     dry: tuple[float, ...] = quantity("1", "slip ratios at these speeds, dry rail")
@@ -173,7 +173,8 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
 
     - path: a TOML file with the keys of `LawFile`, numbers in SI or text with a unit; a Python file, which is run and
       whose `LAW` is the law with its parameters; or one of `law_names`, for the published law on dry rail.
-    - initial_speed_kmh: v0, km/h, for polynomials and reference slips over v0, and for a published law (default 100).
+    - initial_speed_kmh: v0, km/h. It is required if the file has polynomials, or reference slips that depend on v0. By
+      default a published law is that for 100 km/h.
 
     Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) if the file has them.
     InputError, in one line: the file cannot be read, or a key or value in it is not allowed.
@@ -235,7 +236,7 @@ def wheel_load_in(path: str | Path) -> float | None:
 
 @checked
 def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
-    """Lowest and highest v0, km/h, of the log of the law in the file `path`; None if not given. See `load_law`."""
+    """Lowest and highest v0, km/h, for which the law in the file `path` was identified; None if it gives no range."""
     limits = _keys(given_path(path)).initial_speed_range
     return (limits[0], limits[1]) if limits else None
 
@@ -248,7 +249,7 @@ def is_over_initial_speed(path: str | Path) -> bool:
 
 
 def _keys(path: Path) -> LawFile:
-    """Read and check the keys of the file of a law."""
+    """Read and check the keys of a law's file."""
     return validated(LawFile, read_toml(path), file_name(path))
 
 
@@ -272,8 +273,8 @@ def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
     low, high = keys.initial_speed_range or (0.0, math.inf)
     if not low * (1 - _ROUNDING) <= speed <= high * (1 + _ROUNDING):
         raise InputError(
-            f"{where}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g} km/h, the range of its "
-            "polynomials; give a speed inside"
+            f"{where}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g} km/h, the range in "
+            "which the polynomials of the law hold; give a speed inside"
         )
     return speed
 

@@ -53,7 +53,8 @@ class Statement:
 
     - force: Fa, N; in steady state (z' = 0) Fa has the sign of sigma.
     - state_rate, steady_state: z', m/s, and z with z' = 0 as a function of sigma in closed form; None for a static law.
-    - functions: numeric counterpart "module:function" of each SymPy function that the law defines, by class name.
+    - functions: the numeric function, as "module:function", for each SymPy function class that the law defines; the
+      key is the name of the class.
     - sigma_limit: slip velocity, m/s, that |sigma| must stay below; None if the equations hold for every sigma.
     - state_limit: largest |z|, m, that slip can build up from z = 0: the supremum of |steady_state|. A state with
       z' = sigma - |sigma| z/|steady_state| never exceeds it ([CanudasDeWit1995]). None for a static law.
@@ -72,7 +73,7 @@ class Statement:
 class AdhesionLaw(Record):
     """Base class of the adhesion laws; subclasses in the modules of this package are found automatically.
 
-    The fields made by `units.quantity` are the parameters, SI, in the order of the arguments of numeric functions.
+    The fields made by `units.quantity` are the parameters of the law in SI. Numeric functions take them in this order.
     sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma. Dynamic laws use |sigma| if the form in the source
     diverges for sigma < 0.
     """
@@ -82,7 +83,7 @@ class AdhesionLaw(Record):
     source: ClassVar[str]
     has_state: ClassVar[bool]
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    """Factors from the dry to the wet parameters."""
+    """Factors, by parameter, that convert dry to wet parameters."""
     published_sets: ClassVar[Mapping[Rail, Mapping[str, float]]] = MappingProxyType({})
     """Published parameters for any v0 on dry and on wet rail, if the source has a separate set for each."""
 
@@ -96,11 +97,14 @@ class AdhesionLaw(Record):
     @field_validator("of_wheel_load", mode="before")
     @classmethod
     def _in_newtons(cls, value: object) -> object:
-        """Convert the wheel load to N; a field made by `units.quantity` would count as a parameter of the law."""
+        """Convert `of_wheel_load` to N.
+
+        The field is not made by `units.quantity`, because it would then count as a parameter of the law.
+        """
         return None if value is None else to_unit(value, "N", text_needs_unit=True)
 
     def __eq__(self, other: object) -> bool:
-        """True if both are the same law with the same parameters; file and `of_wheel_load` may differ."""
+        """True if `other` is the same law with the same parameters; `file` and `of_wheel_load` may differ."""
         if not isinstance(other, AdhesionLaw) or type(self) is not type(other):
             return NotImplemented
         ignored = {"file": None, "of_wheel_load": None}
@@ -155,7 +159,7 @@ class AdhesionLaw(Record):
         return tuple(sp.Symbol(name, **{"positive" if _is_positive(one) else "real": True}) for name, one in bounds)
 
     def numbers(self) -> dict[str, tuple[Any, str]]:
-        """Value (SI) and unit of each parameter by name, in order; a column of a table is a tuple of pure numbers."""
+        """Value (SI) and unit of each parameter by name, in order; a lookup table has tuples of ratios as values."""
         return {name: (getattr(self, name), self.units().get(name, "1")) for name in self.parameter_names()}
 
     def parameters(self) -> tuple[float, ...]:
@@ -173,7 +177,11 @@ class AdhesionLaw(Record):
         return self.model_copy(update={**update, "rail": Rail.WET})
 
     def weakened(self, factor: float) -> Self:
-        """Law with its adhesion scaled by `factor`, > 0, by means of `wet_factors`, which halve the adhesion."""
+        """Law with its adhesion multiplied by `factor`, > 0.
+
+        Each parameter in `wet_factors` is multiplied by its factor to the power log2(1/factor), because `wet_factors`
+        halve the adhesion.
+        """
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
             raise InputError(
@@ -185,7 +193,7 @@ class AdhesionLaw(Record):
         return self.model_copy(update=update)
 
     def on(self, rail: Rail) -> Self:
-        """The law on a rail condition; InputError for dry rail if the parameters are for wet rail."""
+        """Law for a rail condition; InputError for dry rail if the parameters are for wet rail."""
         rail = Rail.of(rail)
         if rail is Rail.DRY and self.rail is Rail.WET:
             file = "" if self.file is None else f" of {self.file}"
@@ -216,7 +224,7 @@ class AdhesionLaw(Record):
         return self.reference.wet if Rail.of(rail) is Rail.WET else self.reference.dry
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Upper limit of the slip ratio at speed v (m/s), and its reason; infinite without a limit."""
+        """Upper limit of the slip ratio at speed v (m/s), with the reason as text; infinite if there is no limit."""
         return math.inf, ""
 
     def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:

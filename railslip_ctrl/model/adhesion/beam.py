@@ -44,10 +44,10 @@ class Beam(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with the parameters of Table 1, mu_max interpolated in v0; arguments as in `AdhesionLaw.published`.
+        """The law with the parameters of [Park2008] Table 1, and mu_max interpolated in v0.
 
-        For a wheel load other than the rig's 34 500 N the project assumes that Kx grows with the load, so that
-        mu(lambda) does not change.
+        The arguments are those of `AdhesionLaw.published`. For a wheel load other than the rig's 34 500 N the project
+        assumes that Kx grows with the load, so that mu(lambda) does not change.
         """
         check_published_range(initial_speed_kmh, wheel_load)
         dry = cls(
@@ -59,7 +59,7 @@ class Beam(AdhesionLaw):
         return dry.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which the friction coefficient mu_max - a sigma is 0; and the reason."""
+        """Slip ratio at speed `v`, m/s, at which the friction coefficient is 0, with the reason as text."""
         limit = self.mu_max / (self.a * v) if self.a > 0.0 else np.inf
         return float(limit), "the friction coefficient mu_max - a sigma is no longer positive"
 
@@ -96,10 +96,11 @@ def _contact_symbols() -> tuple[Any, ...]:
 
 
 def integrated_force() -> Any:
-    """Derive Fa for u <= 1 and sigma > 0 by integrating (6) over the footprint with (5), (7), (8), (9).
+    """Derive Fa for u <= 1 and sigma > 0 by integrating the force per length over the footprint ([Park2008] (5)-(9)).
 
-    The branches of (6) are read as Cx lambda x in the sticking part and mu_d w p in the sliding part; as printed,
-    Cx lambda w x and mu_d p have different dimensions. Returns a SymPy expression in v, sigma, N and the parameters.
+    The force per length, (6), is taken as Cx lambda x in the sticking part and mu_d w p in the sliding part, because
+    the printed Cx lambda w x and mu_d p have different dimensions. Returns a SymPy expression in v, sigma, N and the
+    parameters.
     """
     import sympy as sp
 

@@ -18,7 +18,7 @@ class Bristle(AdhesionLaw):
     """Railway bristle model Fa = alpha z, z' = sigma - alpha h |sigma| z, h = beta/(gamma - |sigma|).
 
     The source prints it without the absolute values; z then diverges for sigma < 0. In steady state (z' = 0)
-    Fa = (gamma - sigma)/beta: it falls for every sigma > 0, and the law ends at sigma = gamma.
+    Fa = (gamma - sigma)/beta: it falls for every sigma > 0, and the law is defined for sigma < gamma only.
     """
 
     name: ClassVar[str] = "bristle"
@@ -33,17 +33,17 @@ class Bristle(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with the parameters of (30)-(32) for v0 in km/h; see `published_coefficients`."""
+        """The law with its parameters for v0 in km/h by [Park2008] (30)-(32); see `published_coefficients`."""
         alpha, beta, gamma = published_coefficients(initial_speed_kmh, wheel_load)
         return cls(alpha=alpha, beta=beta, gamma=gamma, reference=REFERENCE).on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which sigma = gamma and the adhesion vanishes; and the reason."""
+        """Slip ratio at speed `v`, m/s, at which sigma = gamma and the adhesion vanishes, with the reason as text."""
         return self.gamma / v, "the slip velocity reaches gamma, at which the adhesion vanishes"
 
     @classmethod
     def statement(cls) -> Statement:
-        """Equations (19)-(22) in the state z."""
+        """Equations (19)-(22) of [Park2008], written with the state z."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -62,7 +62,7 @@ class Bristle(AdhesionLaw):
 
 
 def published_coefficients(initial_speed_kmh: float, wheel_load: float) -> tuple[float, float, float]:
-    """Parameters alpha (N/m), beta ((m/s)/N) and gamma (m/s) of (30)-(32) on dry rail.
+    """Parameters alpha (N/m), beta ((m/s)/N) and gamma (m/s) on dry rail by [Park2008] (30)-(32).
 
     The unit that the source prints for alpha does not fit; N/m gives the published peaks. The parameters were
     identified at 34 500 N. For another wheel load the project assumes that mu does not change: alpha then grows with

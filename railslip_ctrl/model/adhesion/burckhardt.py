@@ -46,7 +46,7 @@ class Burckhardt(AdhesionLaw):
     c3: float = quantity("1", "slope of the fall with slip", ge=0)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio, the same for every `v`, at which mu is 0 (above 1 for published sets); and the reason."""
+        """Slip ratio (above 1 for published sets) at which mu is 0 at every `v`, with the reason as text."""
         reason = "the adhesion coefficient is no longer positive"
         if self.c3 == 0.0:
             return math.inf, reason
@@ -59,9 +59,9 @@ class Burckhardt(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """The curve without `sign`, which loses the derivative at 0, and without an exponential that overflows.
+        """The curve with tanh instead of `sign` and exp: `sign` loses the derivative at 0, and exp can overflow.
 
-        1 - exp(-x) = 2 t/(1 + t) with t = tanh(x/2); |t| in the denominator makes it odd.
+        1 - exp(-x) = 2 t/(1 + t) with t = tanh(x/2); with |t| in the denominator the right side is odd in x.
         """
         import sympy as sp
 

@@ -1,4 +1,4 @@
-"""Bristle curve, static: the force of the bristle model along a slip ramp ([Park2008] Fig. 17)."""
+"""Bristle curve, static: force of the bristle model while the slip rises at a constant rate ([Park2008] Fig. 17)."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ SLIP_ACCELERATION = 2.93  #: R of the ramp, m/s^2 (10.55 km/h/s): the value that
 class Curve(AdhesionLaw):
     """Bristle curve Fa = F(lambda): dF/ds = alpha (1 - h F) s/R, F(0) = 0, along the ramp s = lambda v0.
 
-    R is the slip acceleration of the ramp and h = beta/(gamma - s). F depends only on the slip ratio, is odd, and is
-    defined for lambda v0 < gamma.
+    On the ramp the slip velocity s rises at the constant rate R; h = beta/(gamma - s). F depends only on the slip
+    ratio, is odd, and is defined for lambda v0 < gamma.
     """
 
     name: ClassVar[str] = "curve"
@@ -41,14 +41,14 @@ class Curve(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with the parameters of [Park2008] (30)-(32) and a ramp that gives the published peak of mu."""
+        """The law with the parameters of [Park2008] (30)-(32), and with the R that gives the published peak of mu."""
         check_published_range(initial_speed_kmh, wheel_load)
         alpha, beta, gamma = published_coefficients(initial_speed_kmh, wheel_load)
         law = cls(alpha=alpha, beta=beta, gamma=gamma, v0=initial_speed_kmh * KMH, reference=REFERENCE)
         return law.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio, the same for every `v`, at which lambda v0 of the ramp reaches gamma; and the reason."""
+        """Slip ratio gamma/v0, the same for every `v`, at which the adhesion vanishes, with the reason as text."""
         return self.gamma / self.v0, "the slip velocity on the ramp reaches gamma, at which the adhesion vanishes"
 
     @classmethod
@@ -101,8 +101,9 @@ _FEW_NODES, _FEW_WEIGHTS = np.polynomial.legendre.leggauss(5)
 def curve_force(slip: ArrayLike, alpha: float, beta: float, gamma: float, R: float, v0: float) -> Floats | np.float64:
     """Force of the bristle curve, N, at slip ratios of any shape, accurate to 2e-13; NaN where |slip| v0 >= gamma.
 
-    By variation of constants, with Phi' = (alpha beta/R) s/(gamma - s),
-    F(s) = (alpha/R) int_0^s t exp(Phi(t) - Phi(s)) dt, by Gauss-Legendre quadrature over the relevant part of [0, s].
+    Variation of constants gives F(s) = (alpha/R) int_0^s t exp(Phi(t) - Phi(s)) dt with
+    Phi' = (alpha beta/R) s/(gamma - s). Gauss-Legendre quadrature computes the integral over the relevant part of
+    [0, s].
     """
     lam = np.asarray(slip, dtype=float)
     s = np.abs(lam) * v0
@@ -130,7 +131,7 @@ def _each_alone(s: Floats, c: float, gamma: float) -> Floats:
 
 
 def _close_together(s: Floats, c: float, gamma: float) -> int:
-    """Number of slip velocities, counted from the first, whose gaps are short enough for `_in_steps`."""
+    """Number of slip velocities, counted from the first, that are close enough to each other for `_in_steps`."""
     if s.size < 2 or s[0] != 0:
         return 0
     gap = np.diff(s)
@@ -142,10 +143,7 @@ def _close_together(s: Floats, c: float, gamma: float) -> int:
 
 
 def _in_steps(s: Floats, c: float, gamma: float) -> Floats:
-    """Integral of `_each_alone` at slip velocities close together.
-
-    Each integral is computed from the integral at the preceding slip velocity.
-    """
+    """Integral of `_each_alone` at slip velocities close together, each computed from the integral before it."""
     if s.size < 2:
         return np.zeros(s.size)
     gap, end = np.diff(s), s[1:]

@@ -23,9 +23,9 @@ class Polach(AdhesionLaw):
     sigma, finite for every slip and without kinks: N mu e does not depend on mu, so that |sigma| enters the expansion
     of Fa about 0 only from the fourth order on.
 
-    Wet rail: the published dry set becomes the published wet one. For other dry parameters `wet_factors` halve mu0, as
-    the other laws halve their peak. The published sets are for any v0 and have no reference slip. The project assumes
-    the same contact ellipse for every wheel load.
+    Wet rail: the published dry set becomes the published wet one. For other dry parameters `wet_factors` halve mu0,
+    because the other laws halve their peak, too. The published sets are for any v0 and have no reference slip. The
+    project assumes the same contact ellipse for every wheel load.
     """
 
     name: ClassVar[str] = "polach"

@@ -104,7 +104,7 @@ class LookupTable(AdhesionLaw):
         return self.model_copy(update={"mu": tuple(WET_FACTOR * mu for mu in self.mu), "rail": Rail.WET})
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio just above the last knot, the same for every `v`; and the reason."""
+        """Slip ratio just above the last knot, the same for every `v`, with the reason as text."""
         limit = math.inf if self.slip[-1] == 1.0 else float(np.nextafter(self.slip[-1], 1.0))
         return limit, "the table ends there"
 
