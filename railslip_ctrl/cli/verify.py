@@ -87,7 +87,10 @@ def command(
 
 
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
-    """Return the adhesion law of the options; a file's law is for one rail, and the other rail's law follows."""
+    """Return the adhesion law given by the options.
+
+    A law from a file is for one rail; the law for the other rail is derived from it.
+    """
     rails = cases.chosen_rails()
     if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
@@ -99,7 +102,7 @@ def _adhesion(cases: CaseOptions) -> RailAdhesion:
 
 
 def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str], ...]:
-    """Return rows for the report's head: the vehicle, and the adhesion with its reference slips, if given."""
+    """Return rows for the head of the report: the vehicle if given, and adhesion and reference slips if given."""
     vehicle = cases.chosen_vehicle
     slips = ", ".join(f"{adhesion.reference(rail, vehicle):.4g} {rail}" for rail in adhesion.rails)
     source = f" ({cases.adhesion})" if is_file(cases.adhesion) else ""

@@ -313,7 +313,7 @@ class _Profile:
         return (1.0 - share) * self._solutions[low] + share * self._solutions[high]
 
     def _minimised(self, start: Floats, value: float) -> tuple[float, Floats]:
-        """Least sum of squares with the parameter fixed at `value`, and the values of all parameters at this minimum."""
+        """Least sum of squares with the parameter fixed at `value`, and all parameters' values at this minimum."""
         at = self._coordinates.moved(start, self._index, value)
         others = np.arange(len(at)) != self._index
         if not others.any():
@@ -606,7 +606,8 @@ class Fit:
     - deviance: -2 log likelihood of the wheel's motion; NaN without a prediction-error fit.
     - inflation: long-run variance of the whitened prediction errors, and its degrees of freedom; (NaN, 0) without a
       prediction-error fit.
-    - coarse: for a table with a prediction-error fit, mu at its knots from a second fit with every second knot.
+    - coarse: for a table with a prediction-error fit, mu at its knots from a second fit with every second knot;
+      else None.
     """
 
     model: FitModel
