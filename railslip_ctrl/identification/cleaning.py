@@ -362,7 +362,7 @@ class Alignment:
         return {n: self._delays.get(n, 0.0) - late for n in rows.columns if n not in ("time", *_WHEEL)}
 
     def _corrected(self, buffer: Rows, stop: int) -> Rows:
-        """Return the corrected rows up to `stop` that were not returned before; forget rows no longer needed."""
+        """Return the corrected rows up to `stop` that were not returned before; keep the rows still needed."""
         stop = max(stop, self._yielded)
         time, shifts = buffer.columns["time"], self._shifts(buffer)
         out = buffer.part(self._yielded, stop)

@@ -6,10 +6,9 @@ for a least-squares fit to all samples. For each cell the sums give the number o
 and moments of the slip. A two-point Gauss rule with these moments computes the mean of a model's mu over the cell; the
 rule is exact if mu is a cubic polynomial of slip.
 
-The noise of neighbouring samples is correlated, through the observer's filter, the rig and the run. The long-run
-variance of the noise (n times the variance of the mean of n samples, for large n) is therefore computed from sums over
-stretches of time. If there are too many stretches, or too many pairs of stretch and cell, every two neighbouring
-stretches are merged.
+The noise of neighbouring samples is correlated. The long-run variance of the noise (n times the variance of the mean of
+n samples, for large n) is therefore computed from sums over stretches of time. If there are too many stretches, or too
+many pairs of stretch and cell, every two neighbouring stretches are merged.
 """
 
 from __future__ import annotations

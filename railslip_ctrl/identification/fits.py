@@ -4,8 +4,9 @@ Fits to the cells and prediction-error fits (`prediction`) share two functions:
 
 - `search` minimises the sum of squared residuals, with a regularisation that makes the result reproducible.
 - `estimate` computes the covariance and the intervals of the parameters. The covariance comes from the Jacobian and the
-  long-run variance of the residuals. If the tests in a log differ by more than noise, it comes from the differences
-  between the tests. If the symmetric interval of a parameter is not valid, the profile likelihood gives the interval.
+  long-run variance of the residuals. If a log has several tests that differ by more than noise, the covariance comes
+  from the differences between the tests. If the symmetric interval of a parameter is not valid, the profile likelihood
+  gives the interval.
 """
 
 from __future__ import annotations
@@ -340,10 +341,10 @@ CONFIDENCE = 0.99  #: confidence level of the parameters' intervals
 NORMAL_QUANTILE = 2.5758293035489004  #: half width of a normal 99 % interval in standard errors
 
 SINGULAR = 1e-6
-"""Limit of identifiable directions: singular value of the scaled Jacobian, relative to the largest singular value.
+"""Singular value of the scaled Jacobian, relative to the largest one, below which a direction is not identifiable.
 
-Along a direction with a smaller singular value the result comes from the regularisation. Rounding errors of 1e-16 in
-differences with steps of 1e-5 cause relative singular values of about 1e-10.
+Along such a direction the result comes from the regularisation. Rounding errors of 1e-16 in differences with steps of
+1e-5 cause relative singular values of about 1e-10.
 """
 
 _DIFFERENCE = 1e-5  # difference step, in sizes of a coordinate
@@ -547,7 +548,7 @@ class Parameter:
     - stderr: half width of the symmetric 99 % interval, divided by 2.576. It includes the uncertainty of the noise
       level. NaN if the parameter is not identifiable or rests on a bound.
     - status: "fitted", "at lower bound", "at upper bound" or "not identifiable".
-    - limits: ends of the 99 % interval if they are not value -+ 2.576 `stderr`, else None. Near a bound, or if the data
+    - limits: ends of the 99 % interval if it is not symmetric about the value, else None. Near a bound, or if the data
       hardly determine the parameter, the interval comes from the profile likelihood and may be unbounded. In other
       cases it is the symmetric interval, cut off at a bound.
     """
@@ -732,7 +733,7 @@ class _Problem:
         return np.asarray(self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at]))
 
     def solve(self) -> Floats:
-        """Search from each set of starting values; return the coordinates of the best, of equal ones the first."""
+        """Search from several sets of starting values; return the best coordinates, the first of equal results."""
         coordinates, solutions = self.coordinates, []
         weight = SINGULAR * float(np.linalg.norm(self.root * self.cells.mu[self.used]))
         starts = [coordinates.at(start) for start in self.model.starts]
@@ -757,8 +758,8 @@ def long_run_variance(
     It is computed from sums of the residuals over stretches of time. Short stretches do not show the scatter from run
     to run. Several lengths of the stretches are therefore tried, and of those that leave enough degrees of freedom the
     largest variance is returned. `mean` is the model's mean mu in each cell, `used` a mask of cells, `parameters` the
-    number of fitted parameters. The filter of the observer, whose time constant is `tau`, s, causes a bias in finite
-    stretches, which is corrected; 0: the residuals are not filtered.
+    number of fitted parameters. The bias that the observer's filter causes in finite stretches is corrected. `tau`, s,
+    is the time constant of this filter, 0 for residuals without a filter.
     """
     entry = used[stretches.cell]
     stretch, length = stretches.stretch[entry], stretches.length

@@ -77,7 +77,7 @@ class Rolling:
 
     @property
     def critical_value(self) -> float:
-        """Number of standard errors from which on a value is significant: Student's quantile for `_FALSE_ALARM`."""
+        """Number of standard errors above which a value is significant: Student's quantile for `_FALSE_ALARM`."""
         from scipy.special import stdtrit
 
         return float(stdtrit(self.freedom, 1.0 - _FALSE_ALARM / 2.0))
@@ -368,9 +368,9 @@ def _speed_lost(record: BrakedRows) -> float:
 def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     """Ratio of the train's measured deceleration to that expected from the wheel's adhesion and the resistance.
 
-    The adhesion follows from the change of the wheel's momentum, (3) of [Park2008], and the expected deceleration from
-    the change of the train's momentum, (4), summed over the runs. NaN if the train hardly slows down, or if the
-    expected deceleration is not positive.
+    The adhesion is computed from the wheel's equation of motion, (3) of [Park2008], integrated over the runs. The
+    expected deceleration follows from this adhesion by the train's equation of motion, (4). NaN if the train hardly
+    slows down, or if the expected deceleration is not positive.
     """
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]

@@ -276,9 +276,9 @@ def read_header(
 
 
 def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] | None:
-    """Split the record at the beginning of `lines`; return its cells and its number of lines, which may be several.
+    """Split the first record of `lines`; return its cells and its number of lines.
 
-    None if the quotation marks are invalid.
+    A cell in quotation marks may span several lines. None if the quotation marks are invalid.
     """
     if separator == BLANKS:
         return _WORDS.split(next(iter(lines)).strip()), 1
@@ -311,7 +311,7 @@ def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[
 def _with_units_below(
     cells: list[str], lines: Sequence[bytes], end: int, first_row: int, find: Callable[[list[str]], dict[str, Column]]
 ) -> tuple[dict[str, Column], int]:
-    """Return the columns of a header, with the units of the next line if that has units, and the index after both."""
+    """Return the columns of a header and the index of the line after it; a line of units belongs to the header."""
     by_quantity = find(cells)
     at = next((i for i in range(end, len(lines)) if lines[i].strip(_BLANK)), end)
     for row, _, after in _records(lines, at, first_row) if at < len(lines) else ():

@@ -141,7 +141,7 @@ class Coordinates:
         return index == self.inverse or (self.pair is not None and index in self.pair)
 
     def represented(self, index: int, value: float) -> float:
-        """Return 1/`value` if the parameter is represented by its inverse, else `value`; also converts back."""
+        """Return 1/`value` if the parameter is represented by its inverse, else `value`; a second call undoes it."""
         return 1.0 / value if self.by_inverse(index) else value
 
     def range_of(self, index: int, x: Floats) -> tuple[float, float]:

@@ -1,8 +1,8 @@
-"""Compute adhesion coefficients and slips from the rows of a log, by an observer and an equal filter of the slip.
+"""Compute adhesion coefficients from the rows of a log by an observer, and filter the slip in the same way.
 
 The observed torque is Ta/(tau s + 1), so it is delayed and smoothed. Plotted over the unfiltered slip, the adhesion
 curve would be shifted by tau times the rate of the slip. The slip and its powers therefore pass through the same
-filter. An observed mu is a mean over the slips of the last moments. The filtered powers are the moments of these slips,
+filter. An observed mu is a mean over the slips of a short time. The filtered powers are the moments of these slips,
 which a fit needs (`curves`).
 
 `BrakedRows` are unfiltered rows for prediction-error fits. They contain whole runs, from the application of the brake

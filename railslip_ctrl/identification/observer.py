@@ -494,7 +494,7 @@ class KalmanObserver(TorqueObserver):
 
     @cached_property
     def driving_noise(self) -> Floats:
-        """Intensity of the white noise on x', x = (omega, Ta), (2, 2).
+        """Intensity, (2, 2), of the white noise on x', where x = (omega, Ta).
 
         The noise of the sampled torque acts like white noise of intensity torque_variance * interval.
         """

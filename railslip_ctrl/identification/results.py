@@ -36,7 +36,7 @@ class Regimes:
         return np.where(slip < self.boundary, "adhesion", "sliding")
 
     def errors(self, score: Score) -> tuple[float, float]:
-        """Mean `bin_error` of a score over the bins of (adhesion, sliding); NaN for a regime without bins."""
+        """Mean `bin_error` of a score in each regime, (adhesion, sliding); NaN for a regime without bins."""
         below = score.bin_slip < self.boundary
         adhesion, sliding = score.bin_error[below], score.bin_error[~below]
         return (
@@ -90,7 +90,7 @@ class Score:
 
 
 def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
-    """Compute the scores of fits to the same cells; return the lowest BIC first."""
+    """Compute the scores of fits to the same cells; return them with the lowest BIC first."""
     samples = float(cells.count.sum())
     least = min(fits, key=lambda each: each.residual_squares)
     noise = least.residual_squares / samples
@@ -190,7 +190,7 @@ class PeakSlip:
       reference slip is therefore the lower end of the peak's 99 % interval. If adhesion there is more than
       `LARGEST_LOSS` below its peak, the reference slip is where the loss is `LARGEST_LOSS`. It is at most
       `OFF_THE_PEAK` times the peak slip.
-    - by_rule: true if a law fitted on dry rail was converted to wet rail by its own rule; the intervals are then NaN.
+    - by_rule: true if a law fitted on dry rail was converted to wet rail by the law's rule; the intervals are then NaN.
     - extrapolated: true if `speed` is outside the initial speeds of the log.
     """
 
@@ -237,7 +237,7 @@ def peak_of_law(law: AdhesionLaw, speed: float, wheel_load: float) -> PeakSlip:
 def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail, *, widest: Floats | None = None) -> PeakSlip:
     """Adhesion peak of a fitted model with its intervals, at a speed in m/s and a wheel load in N, on a rail.
 
-    For wet rail, a law fitted on dry rail is converted by its own rule. `widest`, (2, 2), has the ends (low, high) of
+    For wet rail, a law fitted on dry rail is converted by the law's rule. `widest`, (2, 2), has the ends (low, high) of
     an interval of slip and of an interval of mu, each divided by the value at the peak. The intervals of the result are
     widened to contain them. InputError for dry rail if the log is from wet rail.
     """
