@@ -29,7 +29,7 @@ from .settings import HELP, option, switch
 @click.command(context_settings=HELP)
 @options.case_options()
 @options.envelope_options("none; margins are computed at operating points")
-@options.gain_options("those of Table 4")
+@options.gain_options("those of Park et al., Table 4")
 @options.controller_option("a PI of --kp, --ki and --lead")
 @option(
     "--lead",

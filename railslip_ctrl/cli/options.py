@@ -570,8 +570,8 @@ _TITLES_BY_RULE = "; ".join(f"{name} ({kind.title})" for name, kind in BY_RULE.i
 def controller_option(default_text: str, **kind: Any) -> Option:
     """Return the option --controller, the same in every command; the help shows `default_text` as its default."""
     text = (
-        f"Controller: pi or asmc of Table 4; pi-lead or scheduled of this project; {_TITLES_BY_RULE}; a file with a "
-        "controller's parameters; or a Python file with your own controller (the file is run)."
+        f"Controller: pi or asmc of Park et al., Table 4; pi-lead or scheduled of this project; {_TITLES_BY_RULE}; "
+        "a file with a controller's parameters; or a Python file with your own controller (the file is run)."
     )
     return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, default_text, **kind)
 

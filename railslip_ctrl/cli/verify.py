@@ -31,7 +31,8 @@ LAWS: tuple[Law, ...] = get_args(Law)
     "--K",
     "N*m",
     f"Gain on the sign of s, 0 to {LARGEST_GAIN:g} N*m; for the predictive law in N*m/s.",
-    "Table 4's 70; robust: 1.1 times the K that (40) needs over the box; predictive: computed from the vehicle",
+    "70, of Park et al., Table 4; robust: 1.1 times the K that (40) of Park et al. needs over the box; predictive: "
+    "computed from the vehicle",
     to="gain",
     ge=0,
 )
@@ -39,7 +40,7 @@ LAWS: tuple[Law, ...] = get_args(Law)
     "--D",
     "N*m/(m/s)",
     f"Gain on s, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; not for the predictive law.",
-    "Table 4's 1.53 N*m/(km/h)",
+    "1.53 N*m/(km/h), of Park et al., Table 4",
     to="damping",
     gt=0,
 )
