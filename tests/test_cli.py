@@ -145,7 +145,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --scenario park2009", "--scenario: unknown name 'park2009'; choose one of park2008, park2008-si, stop"),
     ("simulate --encoder-teeth 0.5", "encoder_teeth: 0.5 is not allowed; give at least 1, or 0"),
     ("simulate --controller pid", "did you mean 'pi'"),
-    ("simulate --gains dahl", "--gains: 'dahl' is not a column of Table 4; choose beam or bristle"),
+    ("simulate --gains dahl", "--gains: 'dahl' is not a column of Park et al., Table 4; choose beam or bristle"),
     ("simulate --controller asmc --kp 1 --ki 1", "'asmc' has no kp and ki"),
     ("simulate --unknown-rail", "--controller: 'pi' has neither adaptation nor"),
     ("simulate --adaptive --controller pi-lead", "choose 'asmc'"),

@@ -163,7 +163,7 @@ def test_paths_that_are_no_files(tmp_path, monkeypatch):
         (tmp_path / "nothing.csv", "no such file"),
         (tmp_path, "is a directory"),
         (tmp_path / "pipe", "pipe: is not a regular file; give a CSV file, or - for standard input"),
-        (Path("-"), "standard input: is closed; give a CSV file, or pipe one in"),
+        (Path("-"), "standard input is closed; give a CSV file"),
         (Path("/proc/self/mem"), r"/proc/self/mem: cannot be read \(Input/output error\)"),
     ):
         with pytest.raises(InputError, match=message):

@@ -32,7 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _ignore_user_settings() -> None:
     """Make this process, and its children, independent of the user's settings for plots, warnings and streams.
 
-    Python sets a stream that the shell has closed (>&-) to None. The next opened file would get its descriptor.
+    A stream that the shell has closed (>&-) is None in Python, and the next opened file would get its descriptor. Such
+    a stream is replaced by the null device.
     """
     os.environ["MPLBACKEND"] = "agg"  # Matplotlib reads it on import; Jupyter's choice may not be installed here
     sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115  # these streams stay open until the process ends

@@ -80,8 +80,9 @@ def command(
 
     The runs use every core. An interrupted campaign is continued. Exit status 0, or 2 for bad input.
 
-    The adhesion law comes from the scenario; there is no --adhesion. Name a scenario file in CAMPAIGN.toml (scenario =
-    "own.toml"), and the law in that file (adhesion = "beam", or adhesion = "law.toml" for your own).
+    The adhesion law comes from the scenario; there is no option --adhesion. To choose a law, name a scenario file in
+    CAMPAIGN.toml (scenario = "own.toml"), and name the law in the scenario file (adhesion = "beam", or adhesion =
+    "law.toml" for your own law).
 
     Example: railslip campaign tolerances.toml --out tolerances
     """
@@ -178,7 +179,7 @@ def _drawings(summary: CampaignSummary) -> Drawings:
 
 @contextmanager
 def _bar(runs: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on standard error."""
+    """Show a progress bar on standard error; yield a function that advances it by a number of runs."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

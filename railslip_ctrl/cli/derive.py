@@ -70,8 +70,8 @@ def command(
 ) -> None:
     """Derive the sliding-mode law from the plant and check each step by machine.
 
-    Also prints the errata of the paper and the generated code. The law is symbolic; with the file of an adhesion law,
-    the law with numbers is also printed. Exit status 0, or 2 for bad input.
+    Also prints the errata of the paper and the generated code. The law is symbolic. If --adhesion is a file, the law is
+    also printed with the numbers of this file. Exit status 0, or 2 for bad input.
 
     Example: railslip derive --adhesion bristle --format latex --out derivation.tex
     """
@@ -118,7 +118,7 @@ def _check_out(out: Path, form: str) -> None:
 def _derived(
     reference: Reference, adhesion: str | None, law: AdhesionLaw | None, file: Path | None
 ) -> tuple[Derivation, LawCode, tuple[LawNumbers, ...]]:
-    """Return the derivation, the code of the law, and the law with the numbers of an adhesion file."""
+    """Return the derivation, the code of the law, and the law with the numbers of the adhesion `file`, if given."""
     derivation = derive(reference=reference, law=adhesion)
     numbers = () if law is None else law_numbers(derivation, law)
     code = generate(derivation)
@@ -138,7 +138,7 @@ def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, f
 
 
 def _check_predictive(reference: str, adhesion: str | None, initial_speed: float | None, form: str) -> None:
-    """Raise InputError if an option is given that only the published law has."""
+    """Raise InputError if an option is given that is only for the published law."""
     if reference != "proportional":
         raise InputError(
             f"--reference: {reference!r} is only for --law published, because the predictive law holds a slip ratio; "
@@ -166,7 +166,10 @@ def _predictive_text(form: str) -> str:
 
 
 def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None, AdhesionLaw | None, Path | None]:
-    """Return the name of the adhesion law; for a file also the law with its numbers, and the path."""
+    """Return the name of the adhesion law. If `adhesion` is a file, also return the law with its numbers, and the path.
+
+    `initial_speed` is v0 of the law, km/h.
+    """
     if adhesion is not None and adhesion.lower().endswith(".toml"):
         v0 = INITIAL_SPEED_KMH if initial_speed is None else initial_speed
         file = Path(adhesion)

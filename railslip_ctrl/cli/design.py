@@ -56,7 +56,7 @@ def command(
     """Shape the loop by hand in the browser.
 
     While you drag, the page shows the gains that stabilise the whole envelope, the loop with its exact margins, and
-    braking runs. It saves the controller as a file for every other command. Only this machine can reach the page.
+    braking runs. The page saves the controller as a file for the other commands. Only this machine can reach the page.
     Interrupt the command to end it. Exit status 0, or 2 for bad input.
 
     Example: railslip design --vehicle my_train.toml --no-browser --port 8050

@@ -136,10 +136,10 @@ def command(
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
     optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kNm]", "time_ms". The units may
-    be in the line below, the header in a comment (#). Lines above the header are skipped. The file may be gzipped;
-    - is standard input. Give the fitted model to linearize, margins, tune, simulate, report, derive and verify --law
-    predictive by --adhesion fitted/model.toml. For a model of several logs --initial-speed selects v0. Exit status 0,
-    or 2 for bad input.
+    be in the line below the header, and the header may be in a comment (#). Lines above the header are skipped. The
+    file may be gzipped; the name - means standard input. With --adhesion fitted/model.toml the commands linearize,
+    margins, tune, simulate, report, derive and verify --law predictive use the fitted model. If the model was fitted
+    to several logs, --initial-speed selects v0. Exit status 0, or 2 for bad input.
 
     Example: railslip identify run.csv --rail wet --out fitted
     """
@@ -271,7 +271,7 @@ def _warn(result: Identification | LogSeries) -> None:
 
 
 def _model_names(count: int) -> list[str]:
-    """Return the file names of the models of single logs."""
+    """Return the file name of the model of each of `count` logs."""
     return ["model.toml"] if count == 1 else [f"model-{i + 1}.toml" for i in range(count)]
 
 

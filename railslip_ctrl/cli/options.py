@@ -56,7 +56,10 @@ _SCENARIO, _LAW = "from the scenario", "LAW|FILE.toml|FILE.py"
 
 
 class Number(click.ParamType[float]):
-    """Option type: a finite number in `unit`, or text with a unit of that dimension, within bounds."""
+    """Type of an option: a finite number in `unit`, or a number with another unit of the same dimension.
+
+    The number must be > `gt`, >= `ge` and < `lt`, as far as these bounds are given.
+    """
 
     name = "number"
 
@@ -64,7 +67,7 @@ class Number(click.ParamType[float]):
         self.unit, self.gt, self.ge, self.lt = unit, gt, ge, lt
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number; raise InputError naming the option, the value and the bound."""
+        """Return the number in `unit`; raise InputError, with option, value and bound, if it is not allowed."""
         option = param.opts[0] if param is not None else ""
         number = sized(option, to_unit(value, self.unit, name=option))
         for holds, sign, bound in (
@@ -79,7 +82,7 @@ class Number(click.ParamType[float]):
 
 
 def whole_number(option: str, text: str, least: int, largest: int) -> int:
-    """Return the whole number in an option's `text`; InputError if there is none, or if it is out of range."""
+    """Return the whole number in an option's `text`; InputError if it is not one from `least` to `largest`."""
     if not (text.isascii() and text.isdigit() and len(text) <= 20 and least <= int(text) <= largest):
         raise InputError(f"{option}: {text[:60]!r} is not allowed; give a whole number from {least} to {largest}")
     return int(text)
@@ -90,10 +93,10 @@ SLIP = Number("1", gt=0, lt=1)
 
 @dataclass(frozen=True)
 class CaseOptions:
-    """Values of the shared options: a vehicle, and its operating points or braking run.
+    """Values of the options that commands share: a vehicle, and its operating points or its braking run.
 
-    Speeds in km/h, masses in kg, times in s. An option that was not given is None or empty. `adhesion` and
-    `initial_speed` have their defaults then; in a braking run the scenario's values replace these defaults.
+    Speeds in km/h, masses in kg, times in s. An option that was not given is None or empty. Only `adhesion` and
+    `initial_speed` then have default values; in a braking run the scenario's values replace these defaults.
     """
 
     adhesion: str
@@ -117,7 +120,7 @@ class CaseOptions:
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """Return the vehicle with the load or the first mass given; print the assumptions about it."""
+        """Return the vehicle, loaded or with the first mass if given; print the assumptions about the vehicle."""
         chosen = self.given_vehicle.loaded() if self.loaded else self.given_vehicle
         chosen = _with_mass(chosen, self.masses[0] if self.masses else None)
         print_remarks(chosen)
@@ -125,7 +128,7 @@ class CaseOptions:
 
     @cached_property
     def given_vehicle(self) -> Vehicle:
-        """Return the empty vehicle of the file, with the actuator options applied."""
+        """Return the empty vehicle of the file, or the published one; options for inertia and actuator are applied."""
         return self._changed(self._own_vehicle(PARK2008))
 
     def _own_vehicle(self, otherwise: Vehicle) -> Vehicle:
@@ -148,7 +151,11 @@ class CaseOptions:
         )
 
     def envelope(self, given: str = DEFAULT_ENVELOPE) -> Envelope:
-        """Return the envelope of a file, of the vehicle, or the default one, narrowed by the other options."""
+        """Return the envelope named by `given`, narrowed by the other options.
+
+        `given` is a file or "default". The latter is the envelope of the vehicle's file, or the default envelope if the
+        file has none.
+        """
         if self.masses:
             raise InputError(
                 "--mass: does not go with an envelope, whose loads need both mass and wheel load; give --loaded, or "
@@ -176,7 +183,7 @@ class CaseOptions:
         return envelope
 
     def law(self, rail: Rail) -> AdhesionLaw:
-        """Return the adhesion law on a rail, at the vehicle's wheel load."""
+        """Return the adhesion law of the options on a rail, at the vehicle's wheel load."""
         load = self.chosen_vehicle.wheel_load
         if not is_file(self.adhesion):
             return published_law(self.adhesion, rail, self.initial_speed, load)
@@ -184,7 +191,7 @@ class CaseOptions:
         return law_from_file(Path(self.adhesion), self.initial_speed, load, assumed=assumed).on(rail)
 
     def _takes_initial_speed(self, speed: float) -> bool:
-        """Return True if the adhesion law has parameters at the v0 `speed`, km/h."""
+        """Return True if the adhesion law of the options has parameters for the initial speed `speed`, km/h."""
         path = Path(self.adhesion)
         try:
             if not is_file(self.adhesion):
@@ -196,7 +203,7 @@ class CaseOptions:
         return True
 
     def points(self, reference: ReferenceSlip | None = None) -> list[OperatingPoint]:
-        """Return the operating points, in the order rail, mass, speed.
+        """Return the operating points, sorted by rail, then by mass, then by speed.
 
         Their slip is --slip if given, or else `reference`, or else the reference slip of the adhesion law.
         """
@@ -234,7 +241,7 @@ class CaseOptions:
     # --- a braking run ----------------------------------------------------------------------------------------------
 
     def run_scenario(self) -> Scenario:
-        """Return the scenario with the options applied; print the assumptions about its vehicle."""
+        """Return the scenario with the options applied; print the assumptions about the scenario's vehicle."""
         scenario = naming("--scenario", lambda: load_scenario(self.scenario))
         vehicle = self._run_vehicle(scenario.vehicle)
         print_remarks(vehicle)
@@ -273,7 +280,7 @@ class CaseOptions:
         return scenario.for_vehicle(vehicle).with_changes(**changes)
 
     def law_speed(self, start: float) -> float:
-        """Return v0 of the adhesion law of a run, m/s: --initial-speed, or the initial speed `start` if not given."""
+        """Return v0 of a run's adhesion law, m/s: --initial-speed, or else `start`, the initial speed of the run."""
         return self.initial_speed * KMH if _is_given("initial_speed") else start
 
     def _check_run(self, scenario: Scenario) -> None:
@@ -287,7 +294,7 @@ class CaseOptions:
             )
 
     def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
-        """Return the adhesion law of a run; an error about v0 (m/s) names the option that set it."""
+        """Return the adhesion law of a run; an error about `v0` (m/s) names the option that set v0."""
         if is_file(name):
             return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
         try:
@@ -337,18 +344,21 @@ def number_option(
     lt: float | None = None,
     **kind: Any,
 ) -> Option:
-    """Return an `option` for a `Number`; the placeholder in its help is the unit in capitals, or X."""
+    """Return an `option` whose value is a `Number`; in its help, the unit in capitals, or X, stands for the value."""
     metavar = {"1": "X", "km/h": "KMH"}.get(unit) or (unit.upper() if unit.isalpha() else "X")
     return option(name, metavar, text, default_text, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
 
 
 def case_options(*, speeds: bool = True, masses: bool = False, run: bool = False, over: bool = False) -> Option:
-    """Add the options for vehicle and operating points; the command gets them as one `CaseOptions`.
+    """Return a decorator that adds the options for vehicle and operating points to a command.
 
-    - speeds: if true, with --speed; false for a command about whole stops.
+    The command gets the values of these options as one argument `cases`, a `CaseOptions`.
+
+    - speeds: if true, there is an option --speed; false for a command about whole stops.
     - masses: if true, --mass may be repeated; each mass is combined with every rail and speed.
-    - run: if true, the options are for one braking run; its scenario has the values that are not given.
-    - over: if true, the options are for an envelope, which has the values that are not given; without --mass.
+    - run: if true, the options are for one braking run; values that are not given come from its scenario.
+    - over: if true, the options are for an envelope; values that are not given come from the envelope, and there is no
+      option --mass.
     """
 
     def collected(function: Callable[..., Any]) -> Any:
@@ -431,7 +441,7 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
 
 
 def envelope_options(default_text: str) -> Option:
-    """Return the options for a verdict over an envelope; `default_text` is for the help."""
+    """Return a decorator with the options for a verdict over an envelope; the help shows `default_text` as default."""
     nominal = switch("--nominal", "Judge the envelope without tolerances.")
     text = (
         "Judge over an envelope: a TOML file, or default, which is the table [envelope] of the vehicle's file, or the "
@@ -442,7 +452,7 @@ def envelope_options(default_text: str) -> Option:
 
 
 def gain_options(default_text: str) -> Option:
-    """Return the options for the PI gains; `default_text` is for the help."""
+    """Return a decorator with the options for the PI gains; the help shows `default_text` as their default."""
     kp = 'Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").'
     ki = 'Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); give both gains or neither.'
     of_kp = number_option("--kp", "N*m/(m/s)", kp, default_text)
@@ -451,7 +461,7 @@ def gain_options(default_text: str) -> Option:
 
 
 def naming(option: str, make: Callable[[], R]) -> R:
-    """Return `make()`; its errors begin with the option's name."""
+    """Return `make()`; if it raises an error, begin the message with the name of the `option`."""
     try:
         return make()
     except InputError as error:
@@ -466,20 +476,22 @@ def naming(option: str, make: Callable[[], R]) -> R:
 
 
 def from_file(option: str, path: Path, load: Callable[[Path], R]) -> R:
-    """Return `load(path)`; its errors begin with the option's name."""
+    """Return `load(path)`; if it raises an error, begin the message with the name of the `option`."""
     if str(path) in ("", "."):
         raise InputError(f"{option}: {str(path)!r} is not a file; give its path")
     return naming(option, lambda: load(path))
 
 
 def is_file(text: str) -> bool:
-    """Return True if the value of --adhesion or --controller is a file."""
+    """Return True if `text`, the value of --adhesion or --controller, names a file."""
     return text.lower().endswith((".toml", ".py"))
 
 
 def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *, assumed: bool = False) -> AdhesionLaw:
-    """Load an adhesion law for v0, km/h, from a file; warn if it was identified at another v0 or wheel load (N).
+    """Load an adhesion law from a file; warn if it was identified at another initial speed v0 or wheel load.
 
+    - initial_speed: v0, km/h, for a law that depends on v0.
+    - wheel_load: wheel load at which the law is used, N; None: no warning about the wheel load.
     - assumed: true if v0 is the default, because no option gave it.
     """
     law = from_file("--adhesion", path, functools.partial(load_law, initial_speed_kmh=initial_speed))
@@ -533,16 +545,19 @@ def _is_given(option: str) -> bool:
 
 
 def refuse_given(*options: str, because: str) -> None:
-    """Raise InputError if the current command line has an option that would not be used; `because` says when."""
+    """Raise InputError if the current command line has one of `options`, which would not be used.
+
+    `because` says when they are not used, for example "with --no-html".
+    """
     for name in filter(_is_given, options):
         raise InputError(f"--{name.replace('_', '-')}: is not used {because}; leave it out")
 
 
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
-    """Return the given gains; None, which stands for Table 4, if neither is given; InputError if only one is given."""
+    """Return the given gains; None if neither is given; InputError if only one is given."""
     if (kp is None) != (ki is None):
         given, missing = ("--kp", "--ki") if ki is None else ("--ki", "--kp")
-        raise InputError(f"{missing}: missing, but {given} is given; give both, or neither for the gains of Table 4")
+        raise InputError(f"{missing}: missing, but {given} is given; give both gains, or leave out {given}")
     return None if kp is None or ki is None else PIGains(kp=kp, ki=ki)
 
 
@@ -553,18 +568,19 @@ _TITLES_BY_RULE = "; ".join(f"{name} ({kind.title})" for name, kind in BY_RULE.i
 
 
 def controller_option(default_text: str, **kind: Any) -> Option:
-    """Return the option --controller, the same in every command; `default_text` is for the help."""
+    """Return the option --controller, the same in every command; the help shows `default_text` as its default."""
     text = (
-        f"Controller: pi or asmc of Table 4; pi-lead or scheduled of this project; {_TITLES_BY_RULE}; a file with a "
-        "controller's parameters; or a Python file with your own controller (the file is run)."
+        f"Controller: pi or asmc of Park et al., Table 4; pi-lead or scheduled of this project; {_TITLES_BY_RULE}; "
+        "a file with a controller's parameters; or a Python file with your own controller (the file is run)."
     )
     return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, default_text, **kind)
 
 
 def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip | None, law_speed: float) -> Controller:
-    """Load a controller file for a braking run of a vehicle; errors begin with the option's name.
+    """Load a controller file for a braking run of a vehicle; error messages begin with the option's name.
 
-    `reference` and `law_speed` (v0, m/s) replace values that the file does not have.
+    `reference` replaces a reference slip that the file does not have. `law_speed` is v0, m/s, for a controller whose
+    own adhesion law depends on v0.
     """
     from railslip_ctrl.controllers.files import as_control, load_controller
 

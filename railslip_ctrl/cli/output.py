@@ -18,7 +18,7 @@ _NARROWEST = 60  # smallest text width, columns; a narrower terminal wraps the l
 
 
 def show(as_json: bool, content: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
-    """Print one JSON object if `as_json`, else the text."""
+    """Print the result of `content` as one JSON object if `as_json`, else the result of `text`."""
     if as_json:
         click.echo(json_text(content(), ensure_ascii=False), nl=False)
     else:
@@ -26,7 +26,7 @@ def show(as_json: bool, content: Callable[[], dict[str, Any]], text: Callable[[]
 
 
 def print_text(text: Callable[[], str]) -> None:
-    """Print a text, no wider than the terminal, or `WIDTH` columns wide into a pipe or a file."""
+    """Print the result of `text`, no wider than the terminal; into a pipe or a file, `WIDTH` columns wide."""
     terminal = min(max(shutil.get_terminal_size().columns, _NARROWEST), WIDTH)
     with columns(terminal if sys.stdout.isatty() else WIDTH):
         wrapped = text()
@@ -42,7 +42,7 @@ def progress(message: str) -> None:
 
 
 def command_line(ctx: click.Context) -> str:
-    """Return the command line that repeats this call."""
+    """Return the command with the options that were given to it, to repeat the call."""
     parts = [ctx.command_path]
     for option in ctx.command.params:
         given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE

@@ -60,7 +60,7 @@ class _LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command; InputError if it is unknown or an option of one value is given twice."""
+        """Return the command; InputError if it is unknown, or if an option that takes one value is given twice."""
         if args[0] not in _COMMANDS and not ctx.resilient_parsing:
             from railslip_ctrl.core.units import shown
             from railslip_ctrl.core.user_files import close_match
@@ -73,7 +73,7 @@ class _LazyGroup(click.Group):
         return name, command, rest
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return command names without importing their modules, which would delay the shell; then the options."""
+        """Return the matching commands, then the options; no command is imported, which would delay the shell."""
         commands = [CompletionItem(name, help=text) for name, text in _COMMANDS.items() if name.startswith(incomplete)]
         return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
@@ -83,7 +83,7 @@ class _LazyGroup(click.Group):
 
 
 def _check_repeated(ctx: click.Context, command: click.Command, arguments: Sequence[str]) -> None:
-    """Raise InputError if an option of one value is given twice; Click would silently use the last value."""
+    """Raise InputError if an option that takes one value is given twice; Click would silently use the last value."""
     parser = command.make_parser(click.Context(command, parent=ctx))  # the parent has the names of the help option
     given = parser.parse_args(list(arguments))[2]
     for option in dict.fromkeys(given):

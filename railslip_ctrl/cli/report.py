@@ -96,9 +96,9 @@ def command(
     """Recommend a slip controller for a vehicle over its envelope of speeds, rails, loads and tolerances.
 
     The report states the lowest speed at which to use the controller, how it brakes, and the reasons. Your own gains or
-    controller run in the same stops, and are judged if they have margins. The first page of report.html takes a minute
-    to read; recommended.toml is the design for simulate and margins. Exit status 0 for every result, or 2 for bad input
-    or a folder that cannot be written to.
+    controller are simulated in the same stops, and are judged if they have margins. The first page of report.html takes
+    a minute to read. recommended.toml is the recommended controller, a file for simulate and margins. Exit status 0 for
+    every result, or 2 for bad input or a folder that cannot be written to.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
@@ -164,7 +164,11 @@ def _draw(design: DesignReport, pictures: Pictures, note: Callable[[str], None])
 def _made(
     design: DesignReport, pictures: Pictures, whole: bool, command: str, rest: str, again: str
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
-    """Return files by name, the content of report.json, and a function that renders the text at the current width."""
+    """Return the files by name, the content of report.json, and a function that returns the text of the report.
+
+    The function wraps the text to the current width. `whole`: report.html is also made. `command`: command line that
+    made the report; `rest` and `again`: last sentences of the text.
+    """
     first = first_page(design)
     files = pictures.files()
     if design.control is not None:

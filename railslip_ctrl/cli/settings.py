@@ -21,23 +21,26 @@ _ARGUMENTS = {
     **{"bounds": "bound", "columns": "column", "delays": "delay", "fixed": "fix"},
     **{"time_constant": "tau", "units": "unit", "zeros": "zero"},
 }
-"""Option for each argument that messages name in backticks; None if the option has the argument's name."""
+"""Option of each argument that messages name in backticks; None: the option has the same name as the argument."""
 
 
 def options_named(text: str) -> str:
-    """Replace the names of arguments in a message of the package by the names of the options."""
+    """Replace argument names in backticks, in a message of the package, by the names of the options."""
     argument = re.compile(f"`({'|'.join(_ARGUMENTS)})`")
     return argument.sub(lambda match: "--" + (_ARGUMENTS[match[1]] or match[1].replace("_", "-")), text)
 
 
 def option(name: str, metavar: str, text: str, default_text: str, *, to: str | None = None, **kind: Any) -> Option:
-    """Return an optional Click option whose help ends with its default; `to` is another name for the parameter."""
+    """Return a Click option that may be left out; its help ends with `default_text`.
+
+    `to` is the name of the command's parameter if it is not the name of the option.
+    """
     names = (name,) if to is None else (name, to)
     return click.option(*names, metavar=metavar, help=f"{text}  [default: {default_text}]", **kind)
 
 
 def preset(name: str, metavar: str, text: str, default: Any, **kind: Any) -> Option:
-    """Return an `option` with a default value."""
+    """Return an `option` with a `default` value, which its help shows."""
     return option(name, metavar, text, str(default), default=default, **kind)
 
 

@@ -42,7 +42,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 @option(
     "--gains",
     "|".join(COLUMNS),
-    "Column of Table 4: gains and reference slip.",
+    "Column of Park et al., Table 4, for gains and reference slip.",
     "gains of column beam for the beam law, of bristle for other laws; slip of the law",
 )
 @option("--slip", "X", "Reference slip on both rails.", "from the adhesion law, or from --gains", type=options.SLIP)
@@ -51,7 +51,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 @options.number_option(
     "--period", "s", "The controller's sampling period, s.", "integration step; slide-protection 0.01", ge=LEAST_STEP
 )
-@options.gain_options("those of Table 4")
+@options.gain_options("those of Park et al., Table 4")
 @preset("--seed", "N|FILE", "Seed of random force and sensor noise, or an .npz file that campaign wrote.", "0")
 @switch("--no-noise", "No random force and no sensor noise.")
 @path_option("--csv", "FILE", "Write the time series.")
@@ -139,9 +139,9 @@ def _chosen(
     kp: float | None,
     ki: float | None,
 ) -> tuple[Controller, str | None]:
-    """Return the controller of the options, and the column of Table 4 that has its gains, or None.
+    """Return the controller that the options select, and the column of [Park2008] Table 4 with its gains.
 
-    `law_speed` is v0 of the controller's own adhesion model, m/s.
+    The column is None if the gains are not from Table 4. `law_speed` is v0 of the controller's own adhesion law, m/s.
     """
     vehicle, law = scenario.believed_vehicle, scenario.adhesion
     if options.is_file(controller):
@@ -153,7 +153,7 @@ def _chosen(
     name, own = options.controller_name(controller), options.chosen_gains(kp, ki)
     column = None if gains is None else next((label for label in COLUMNS if label == gains.lower()), None)
     if column is None and gains is not None:
-        raise InputError(f"--gains: {gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
+        raise InputError(f"--gains: {gains!r} is not a column of Park et al., Table 4; choose {' or '.join(COLUMNS)}")
     reference = tracked_reference(name, law, slip, column, dashes="--")
     if is_tuned_when_asked(name, vehicle.empty(), own):
         progress(f"tuning {name} for {vehicle.name}; this takes some seconds")

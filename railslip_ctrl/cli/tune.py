@@ -80,7 +80,7 @@ def command(
     """Find one set of gains for all operating points of an envelope, empty and loaded.
 
     The result is judged with tolerances, and as a sampled loop. If options give operating points, the gains are tuned
-    only for them, in continuous time. Exit status 1 if the specification cannot be met, 2 for bad input.
+    only for these points, in continuous time. Exit status 1 if the specification cannot be met, 2 for bad input.
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
@@ -165,9 +165,10 @@ def _saved(
 
 
 def _references(points: list[OperatingPoint]) -> ReferenceSlip:
-    """Return the reference slips of the operating points.
+    """Return the reference slip of each rail, which is the slip of the operating points on this rail.
 
-    A rail without an operating point has the reference slip of the adhesion law, or else of the other rail.
+    For a rail without an operating point it is the reference slip of the adhesion law; if the law has none, it is the
+    slip of the operating points on the other rail.
     """
     by_rail = {point.rail: point.slip for point in points}
     other, law = points[0].slip, points[0].law.reference

@@ -31,7 +31,8 @@ LAWS: tuple[Law, ...] = get_args(Law)
     "--K",
     "N*m",
     f"Gain on the sign of s, 0 to {LARGEST_GAIN:g} N*m; for the predictive law in N*m/s.",
-    "Table 4's 70; robust: 1.1 times the K that (40) needs over the box; predictive: computed from the vehicle",
+    "70, of Park et al., Table 4; robust: 1.1 times the K that (40) of Park et al. needs over the box; predictive: "
+    "computed from the vehicle",
     to="gain",
     ge=0,
 )
@@ -39,7 +40,7 @@ LAWS: tuple[Law, ...] = get_args(Law)
     "--D",
     "N*m/(m/s)",
     f"Gain on s, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; not for the predictive law.",
-    "Table 4's 1.53 N*m/(km/h)",
+    "1.53 N*m/(km/h), of Park et al., Table 4",
     to="damping",
     gt=0,
 )
@@ -87,7 +88,10 @@ def command(
 
 
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
-    """Return the adhesion law of the options; a file's law is for one rail, and the other rail's law follows."""
+    """Return the adhesion law given by the options.
+
+    A law from a file is for one rail; the law for the other rail is derived from it.
+    """
     rails = cases.chosen_rails()
     if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
@@ -99,7 +103,7 @@ def _adhesion(cases: CaseOptions) -> RailAdhesion:
 
 
 def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str], ...]:
-    """Return rows for the report's head: the vehicle, and the adhesion with its reference slips, if given."""
+    """Return rows for the head of the report: the vehicle if given, and adhesion and reference slips if given."""
     vehicle = cases.chosen_vehicle
     slips = ", ".join(f"{adhesion.reference(rail, vehicle):.4g} {rail}" for rail in adhesion.rails)
     source = f" ({cases.adhesion})" if is_file(cases.adhesion) else ""

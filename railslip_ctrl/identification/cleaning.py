@@ -25,7 +25,8 @@ from .logs import UNITS, Lines, Rows
 class RowFilter(ABC):
     """Filter that drops rows by comparing them with their neighbours; `count` is the number of dropped rows.
 
-    To judge a row, the filter needs the next `ahead` and the previous `behind` rows. It judges `piece` rows at a time.
+    To judge a row, the filter needs the `behind` rows before it and the `ahead` rows after it. Rows are judged in
+    groups of `piece` rows.
     """
 
     ahead: ClassVar[int]
@@ -36,7 +37,7 @@ class RowFilter(ABC):
         self.count = 0
 
     def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
-        """Yield the rows that are kept; the last rows of a block wait for the next block or the end of the log."""
+        """Yield the rows that are not dropped; the last rows of a block are judged when the next block arrives."""
         waiting: Rows | None = None
         start = 0  # number of rows at the front of `waiting` that were judged before
         for block in itertools.chain(blocks, (None,)):
@@ -56,7 +57,7 @@ class RowFilter(ABC):
 
     @abstractmethod
     def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
-        """Mask of the rows from start to stop that are dropped."""
+        """For each row from `start` to `stop`: True if the row is dropped."""
 
 
 # --- time stamps ---------------------------------------------------------------------------------------------------
@@ -64,9 +65,10 @@ class RowFilter(ABC):
 BESIDE = 16  #: rows on either side of an outlying time stamp, among which no other stamp may be out of order
 
 FAR_STAMP = 100.0
-"""Least distance of an outlying stamp from both neighbours, in median intervals of the `BESIDE` rows on either side.
+"""Least distance of an outlying time stamp from both neighbours, in multiples of the usual interval.
 
-A stamp nearer to a neighbour is attributed to a misplaced row or to a clock that was set back; the log is refused.
+The usual interval is the median interval of the `BESIDE` rows before and after the stamp. If a stamp out of order is
+nearer to a neighbour, a row is misplaced or the clock was set back, and the log is refused.
 """
 
 _LEAST_BESIDE = 4  # neighbouring stamps needed to estimate the usual interval
@@ -78,13 +80,13 @@ _MOST_NAMED = 5  # stamps that have a warning of their own
 
 
 class StampFilter(RowFilter):
-    """Drops rows with an outlying time stamp; raises InputError if the time does not grow without them.
+    """Drops rows with an outlying time stamp; raises InputError if the remaining stamps do not increase.
 
-    An outlier is a single stamp more than `FAR_STAMP` usual intervals away from both neighbours, or from its only
-    neighbour at an end of the log. Without the outlier the time must grow over `BESIDE` rows on either side. A log with
-    two outliers within `BESIDE` rows (a second clock), repeated stamps or smaller steps back is refused. A long step
-    forward is a gap, not an outlier, if the time continues from the later stamp, or if the step is the first or the
-    last of the log. Errors begin with the log's `name`.
+    A stamp out of order is an outlier if it is more than `FAR_STAMP` usual intervals away from both neighbours (at an
+    end of the log, from its only neighbour), and if the `BESIDE` stamps before and after it increase without it. A log
+    is refused if two outliers lie within `BESIDE` rows (a second clock), if a stamp is repeated, or if the time goes
+    back by less than this distance. A long step forward is a gap if the later stamps continue from it. The first and
+    the last step of a log always count as gaps. Errors begin with the log's `name`.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -96,7 +98,7 @@ class StampFilter(RowFilter):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each dropped stamp, up to a limit, and the total."""
+        """Warnings about the first dropped rows, one sentence each; if there are more, also their total number."""
         more = self.count - len(self.named)
         return (*self.named, f"{self.count} rows with outlying time stamps in all") if more else tuple(self.named)
 
@@ -117,7 +119,7 @@ class StampFilter(RowFilter):
 
 
 def _outlier(time: Floats, i: int) -> int | None:
-    """Index of the outlier, i or i+1, if stamp i+1 is not later than stamp i; None if neither is an outlier."""
+    """Index of the outlier, i or i+1, for a stamp i+1 that is not later than stamp i; None if neither is one."""
     # if both qualify, the stamp with two neighbours is taken
     for at in (i, i + 1) if i > 0 else (i + 1, i):
         low = max(at - BESIDE, 0)
@@ -132,7 +134,7 @@ def _outlier(time: Floats, i: int) -> int | None:
 
 
 def _time_fault(lines: Lines, time: Floats, at: int) -> str:
-    """Describe the fault at a stamp that is not later than the stamp before it."""
+    """Describe why the stamp with index `at`, which is not later than the stamp before it, is wrong."""
     earlier = np.flatnonzero(time[:at] < time[at])
     # the stamps from `jump` to `at` - 1 are not earlier than the stamp at `at`
     jump = int(earlier[-1]) + 1 if len(earlier) else 0
@@ -162,7 +164,7 @@ _MOST_STEPS = 20.0  # in steps; larger differences are not used, because an enco
 
 
 def step_of(values: Floats) -> float:
-    """Quantisation step of a sequence of values; 0 if they show none."""
+    """Quantisation step of a sequence of values; 0 if the values do not look quantised."""
     changes = np.abs(np.diff(values, 2))
     changes = changes[changes > _ROUNDING * np.abs(values).max(initial=0.0)]
     if len(changes) < max(_LEAST_CHANGES, _LEAST_SHARE * len(values)):
@@ -178,19 +180,19 @@ def _are_multiples(changes: Floats, step: float) -> bool:
 
 
 class Resolution:
-    """Quantisation steps of a log's columns: the smallest step seen in any piece of the log."""
+    """Quantisation step of each column of a log: the smallest of the steps found in its parts."""
 
     def __init__(self) -> None:
         self._steps: dict[str, float] = {}
 
     def add(self, name: str, values: Floats) -> None:
-        """Include the `values` of a piece of the column `name`."""
+        """Look for a smaller step in `values`, a part of the column `name`."""
         step = step_of(values)
         if step > 0.0:
             self._steps[name] = min(step, self._steps.get(name, step))
 
     def __getitem__(self, name: str) -> float:
-        """Quantisation step of a column, SI; 0 if none was seen."""
+        """Quantisation step of a column, SI; 0 if no step was found."""
         return self._steps.get(name, 0.0)
 
 
@@ -226,9 +228,10 @@ PIECE = 4096  #: rows judged together; the overall noise of the log is estimated
 
 
 class OutlierFilter(RowFilter):
-    """Hampel filter: drops rows whose speed or torque differs from its neighbours' median by more than noise.
+    """Hampel filter: drops rows in which a speed or the torque is too far from the median of the rows around it.
 
-    `first_line` is the line number of the first row dropped, `resolution` the quantisation steps of the columns.
+    What is too far depends on the noise and on the quantisation. `first_line` is the line number of the first dropped
+    row, None if no row was dropped; `resolution` has the quantisation steps of the columns.
     """
 
     ahead = behind = _REACH
@@ -273,14 +276,14 @@ class OutlierFilter(RowFilter):
 
 
 def _local_spread(values: Floats, at: NDArray[np.intp]) -> Floats:
-    """Median absolute deviation in the windows around the indices `at`."""
+    """For each index in `at`: median absolute deviation of the `values` in the window around this index."""
     padded = np.pad(values, HALF_WINDOW, mode="symmetric")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * HALF_WINDOW + 1)[at]
     return np.median(np.abs(windows - np.median(windows, axis=1, keepdims=True)), axis=1)
 
 
 def _spread_beside(deviation: Floats, at: NDArray[np.intp]) -> Floats:
-    """Larger of the median deviations before and after the indices `at`."""
+    """For each index in `at`: median `deviation` of the rows before or after this index, whichever is larger."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(deviation, NOISE_ROWS, mode="symmetric"), NOISE_ROWS)
     return np.maximum(np.median(windows[at], axis=1), np.median(windows[at + NOISE_ROWS + 1], axis=1))
 
@@ -300,7 +303,7 @@ def corrections_note(delays: Mapping[str, float], zeros: Mapping[str, float]) ->
 
 
 def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -> None:
-    """Check that delays (s) and zeros (SI) belong to quantities of a log and are in range, or raise InputError."""
+    """Raise InputError if a delay (s) or a sensor offset in `zeros` (SI) is out of range or of an unknown quantity."""
     known = tuple(name for name in UNITS if name != "time")
     for option, given in (("`delays`", delays), ("`zeros`", zeros)):
         for name, value in given.items():
@@ -321,9 +324,10 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
 class Alignment:
     """Subtracts sensor offsets and removes the delay differences between the columns of a log.
 
-    Example: an encoder's speed is a mean over the interval, so it is half an interval late; a filter delays the torque.
-    Only differences of delays matter. The wheel's samples stay unchanged, because a prediction-error fit needs their
-    noise; the other columns are smooth and are interpolated. `delays`, s, and `zeros` (offsets), SI, are by quantity;
+    Examples of delays: an encoder's speed is the mean over an interval and therefore half an interval late; a filter
+    delays the torque. Only the differences between delays are removed. The wheel speed is not shifted, because
+    interpolation would change its noise, which a prediction-error fit needs. The other columns are smooth; they are
+    interpolated at shifted times. `delays` (s) and `zeros` (sensor offsets, SI) have the names of quantities as keys;
     `name` is the log's name. InputError for a quantity that the log does not have.
     """
 
@@ -358,7 +362,7 @@ class Alignment:
         return {n: self._delays.get(n, 0.0) - late for n in rows.columns if n not in ("time", *_WHEEL)}
 
     def _corrected(self, buffer: Rows, stop: int) -> Rows:
-        """Interpolate the buffered rows up to `stop`, and drop rows that are no longer needed."""
+        """Return the corrected rows up to `stop` that were not returned before; keep the rows still needed."""
         stop = max(stop, self._yielded)
         time, shifts = buffer.columns["time"], self._shifts(buffer)
         out = buffer.part(self._yielded, stop)

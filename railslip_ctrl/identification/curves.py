@@ -1,14 +1,14 @@
-"""Adhesion curve of a log, with all findings about the log, before anything is fitted.
+"""Compute the adhesion curve of a log and collect the faults of the log; no model is fitted here.
 
-Samples are reduced to sums over cells (a range of slip and a range of train speed), over bins (a range of slip, for
-display) and over stretches of time. Memory is therefore bounded, and these sums are enough for least squares over all
-samples. Each cell has the number of samples, the mean and scatter of mu, and moments of the slip. From these moments a
-two-point Gauss rule gives the model's mean over the cell, exactly for a cubic. The widest cells are 0.005 wide in slip
-ratio.
+Samples are not stored, so memory is bounded. They are added up over cells (a range of slip, at most 0.005 wide, and a
+range of train speed), over bins (a wider range of slip, for display) and over stretches of time. These sums are enough
+for a least-squares fit to all samples. For each cell the sums give the number of samples, the mean and scatter of mu,
+and moments of the slip. A two-point Gauss rule with these moments computes the mean of a model's mu over the cell; the
+rule is exact if mu is a cubic polynomial of slip.
 
-The noise of neighbouring samples is correlated by the observer's filter, by the rig and by the run. The long-run
-variance of the noise (the variance of means over long times) is therefore computed from sums over stretches of time. If
-the number of stretches, or of sums by stretch and cell, exceeds its limit, neighbouring stretches are added in pairs.
+The noise of neighbouring samples is correlated. The long-run variance of the noise (n times the variance of the mean of
+n samples, for large n) is therefore computed from sums over stretches of time. If there are too many stretches, or too
+many pairs of stretch and cell, every two neighbouring stretches are merged.
 """
 
 from __future__ import annotations
@@ -35,16 +35,19 @@ from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, BrakedR
 
 @dataclass(frozen=True)
 class Options:
-    """Options of an identification, as in `railslip identify --help`; None: the value comes from the log.
+    """Options of an identification, as in `railslip identify --help`.
 
     - model: a model's name, or "best": the formula with the lowest BIC that fits, or the table if no formula fits.
     - rail: rail condition of the log.
-    - initial_speed, slip_acceleration, time_constant: v0, m/s; R of the slip ramps, m/s^2; tau of the `observer`, s.
-    - columns, units: header and unit of the column of a quantity, by quantity.
-    - delays, zeros: delay of a column, s, and sensor offset, SI, by quantity.
-    - fixed, bounds: fixed value of a parameter, or its lower and upper bound, SI, by parameter name.
+    - initial_speed: v0, m/s; None: the highest train speed of the log.
+    - slip_acceleration: R of the slip ramps, m/s^2; None: measured in the log, or 2.93 for the model "curve".
+    - time_constant: tau of the `observer`, s; None: 0.05, or five intervals between rows if that is more.
+    - columns, units: header cell and unit of a quantity's column. The keys of both are names of quantities.
+    - delays, zeros: delay, s, and sensor offset, SI, of a quantity's column. The keys of both are names of quantities.
+    - fixed: values of parameters that are not fitted, SI, by name of the parameter.
+    - bounds: lower and upper bound of parameters, SI, by name of the parameter.
     - skip_lines: number of lines to skip before the header.
-    - block_bytes: bytes of a log read at a time.
+    - block_bytes: number of bytes of a log that are read at a time.
     """
 
     model: str = "best"
@@ -82,7 +85,11 @@ BINS = 50
 
 @dataclass(frozen=True)
 class Bins:
-    """Statistics of mu by bin of slip ratio, as in [Park2008] Fig. 13, without empty bins; arrays of one length."""
+    """Statistics of mu in each bin of slip ratio that has samples, as in [Park2008] Fig. 13; arrays of one length.
+
+    A bin reaches from the slip ratio `low` to `high`; `slip` is its mean slip ratio and `count` its number of samples.
+    `mean`, `deviation` (standard deviation), `least` and `most` (smallest and largest value) are those of mu.
+    """
 
     low: Floats
     high: Floats
@@ -96,10 +103,11 @@ class Bins:
 
 @dataclass(frozen=True)
 class Cells:
-    """Sample count and means of each cell that holds samples, SI; arrays of one length.
+    """Number of samples, and means of slip, speed, load and mu, in each cell that has samples; SI.
 
-    `squares` is the sum of the squared deviations from the mean mu. `nodes` (slip ratio), `node_speeds` and `weights`,
-    (2, cells), are the quadrature rule for the mean of a function over a cell.
+    The arrays have one value for each cell. `squares` is the sum of the squared deviations of mu from its mean in the
+    cell. `nodes` (slip ratio), `node_speeds` and `weights`, (2, cells), are the Gauss rule for the mean of a function
+    over a cell.
     """
 
     count: Floats
@@ -115,7 +123,11 @@ class Cells:
 
 @dataclass(frozen=True)
 class Stretches:
-    """Sample count and sum of mu for each pair of a stretch of time (`length` in s) and a cell (index into `Cells`)."""
+    """Number of samples, and sum of mu (`total`), in each stretch of time and each cell.
+
+    All stretches have the `length`, s. `stretch` is the number of the stretch, `cell` the index of the cell in `Cells`.
+    The arrays have one value for each pair of stretch and cell that has samples.
+    """
 
     length: float
     stretch: Integers
@@ -129,10 +141,10 @@ _SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", 
 
 
 class Accumulator:
-    """Sums over samples that arrive in blocks; the result does not depend on the block size.
+    """Adds up samples that arrive in blocks; the sums do not depend on the block size.
 
-    `time_constant` is that of the observer, s. `slip_counts` counts samples by slip ratio in steps of 1e-6, so that
-    samples can be split at any slip.
+    `time_constant` is the time constant of the observer, s. `slip_counts` has the number of samples in each step of
+    1e-6 in slip ratio, so that the samples below any slip can be counted.
     """
 
     def __init__(self, time_constant: float) -> None:
@@ -183,7 +195,7 @@ class Accumulator:
             self._keys, self._entries = _summed(stretch // 2 * _CELLS + cell, self._entries)
 
     def bins(self) -> Bins:
-        """Bins of the samples so far."""
+        """Return the statistics by bin of the samples added until now."""
         full = self._bins[0] > 0
         count, slip, total, squares = self._bins[:, full]
         edges = np.arange(BINS + 1) / BINS
@@ -201,7 +213,7 @@ class Accumulator:
         )
 
     def cells(self) -> Cells:
-        """Cells of the samples so far."""
+        """Return the sums by cell of slip and speed of the samples added until now."""
         s = dict(zip(_SUMS, self._sums[:, self._sums[0] > 0], strict=True))
         n = s["count"]
         mean = {name: s[name] / n for name in _SUMS[1:]}
@@ -222,7 +234,7 @@ class Accumulator:
         )
 
     def stretches(self) -> Stretches:
-        """Stretches of the samples so far."""
+        """Return the sums by stretch of time and cell of the samples added until now."""
         index = np.cumsum(self._sums[0] > 0) - 1  # index of a cell among the cells with samples
         count, total = self._entries
         return Stretches(
@@ -241,15 +253,16 @@ _NO_SPREAD = 1e-13
 
 
 def _summed(keys: Integers, values: Floats) -> tuple[Integers, Floats]:
-    """Return the distinct keys in order, and the sum of the values for each key."""
+    """Return the distinct keys in ascending order, and for each key the sum of its values in each row of `values`."""
     distinct, index = np.unique(keys, return_inverse=True)
     return distinct, np.stack([np.bincount(index, row, minlength=len(distinct)) for row in values])
 
 
 def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
-    """Nodes and weights, (2, n) each, of the two-point rule with the moments 1, m1, m2, m3.
+    """Nodes and weights, (2, n) each, of the two-point Gauss rule for n distributions with moments m1, m2 and m3.
 
-    About the mean, with variance V and third moment T, the nodes solve x^2 - (T/V) x - V = 0.
+    With the variance V and the third central moment T of a distribution, the distances x of the two nodes from its mean
+    are the solutions of x^2 - (T/V) x - V = 0.
     """
     variance = np.maximum(m2 - m1**2, 0.0)
     spread = variance > _NO_SPREAD
@@ -269,7 +282,7 @@ _LEAST_SHARE = 0.002  # a window with a smaller share of all samples is not used
 
 
 def peak_slip(cells: Cells) -> float:
-    """Slip ratio of the highest measured mu, averaged over neighbouring cells."""
+    """Slip ratio at which the measured mu, averaged over neighbouring cells, is highest."""
     order = np.argsort(cells.slip)
     slip, n, total = cells.slip[order], cells.count[order], (cells.count * cells.mu)[order]
     counts, totals = (np.concatenate([[0.0], np.cumsum(x)]) for x in (n, total))
@@ -288,19 +301,19 @@ _LEAST_SAMPLES = 20  # a log with fewer samples under brake is refused
 
 @dataclass(frozen=True)
 class AdhesionCurve:
-    """Adhesion data of a log, before anything is fitted.
+    """Adhesion data of a log, to which models can be fitted.
 
-    - name: file name.
+    - name: file name of the log.
     - time_constant: tau of the observer, s.
-    - record, record_stride: rows for prediction-error fits, from every `record_stride`-th run.
-    - peak_slip: slip ratio of the highest measured mu, the starting value of fits; on a flat curve noise shifts it.
-    - wheel_column: the quantity from which the wheel's speed was read.
-    - deceleration_ratio: measured deceleration divided by the deceleration expected from the wheel's adhesion and the
-      resistance; NaN if not known.
-    - rolling: measurements while the wheel rolls without brake; None if the log has none.
+    - record, record_stride: unfiltered rows for prediction-error fits, from one run in every `record_stride` runs.
+    - peak_slip: slip ratio of the highest measured mu, from which fits start; noise shifts it if the curve is flat.
+    - wheel_column: name of the quantity from which the wheel's speed was read.
+    - deceleration_ratio: measured deceleration of the train, divided by the deceleration expected from the wheel's
+      adhesion and the resistance; NaN if not known.
+    - rolling: slip and torque while the wheel rolls without brake; None if it never does.
     - steps: quantisation steps of the columns.
-    - factors: SI value of the unit of a column, by quantity.
-    - findings, notes: faults of the log; assumptions made.
+    - factors: SI value of the unit in which each quantity is read, by quantity.
+    - findings, notes: faults of the log, and assumptions made when reading it.
     """
 
     name: str
@@ -325,7 +338,7 @@ class AdhesionCurve:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Texts of the findings, with the log's name."""
+        """Messages of the findings; each begins with the log's name."""
         return tuple(f"{self.name}: {finding.text}" for finding in self.findings)
 
     def split_counts(self, slip: float) -> tuple[int, int]:
@@ -335,12 +348,12 @@ class AdhesionCurve:
 
     @property
     def highest_mu(self) -> float:
-        """Highest mean mu of any bin."""
+        """Highest of the mean mu of all bins."""
         return float(self.bins.mean.max())
 
     @property
     def followed_note(self) -> str:
-        """Note on the rows used by prediction-error fits; empty if they use every row under brake."""
+        """Note on how many rows prediction-error fits use; empty if these fits use every row under brake."""
         if self.record_stride == 1:
             return ""
         return message("rows followed", rows=len(self.record), most=MOST_ROWS, stride=self.record_stride)
@@ -354,10 +367,10 @@ def read_curve(
     progress: Callable[[float], None] | None = None,
     observed: Callable[[Observed], None] | None = None,
 ) -> AdhesionCurve:
-    """Read the adhesion curve of a log; memory does not grow with its length.
+    """Compute the adhesion curve of a log file; memory does not grow with the length of the file.
 
-    `progress` is called with the share of the file read, 0 to 1, and `observed` with each block of samples. A log that
-    cannot be used raises InputError with a message of one line.
+    `progress` is called with the share of the file that has been read, 0 to 1, and `observed` with each block of
+    samples. A log that cannot be used raises InputError with a message of one line.
     """
     o = options
     log = Log(path, columns=o.columns, units=o.units, skip_lines=o.skip_lines, block_bytes=o.block_bytes)
@@ -381,12 +394,12 @@ def read_curve(
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> AdhesionCurve:
-    """Adhesion curve of rows in memory, whose time must increase. InputError as `read_curve`."""
+    """Compute the adhesion curve of rows in memory; their time must increase. InputError as for `read_curve`."""
     return _LogData(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
 
 
 class _LogData:
-    """Data accumulated from all rows of a log; InputError if the log cannot be used."""
+    """Reads all rows of a log and collects sums, checks and unfiltered rows; InputError for an unusable log."""
 
     def __init__(
         self,
@@ -438,7 +451,7 @@ class _LogData:
             raise InputError(f"{self._name}: {fault}")
 
     def _torque_hints(self) -> tuple[str, ...]:
-        """Hints if all torques are too low for braking, or if another unit would make them plausible."""
+        """Advice if the highest torque is too low or too high for braking, with another unit if that is plausible."""
         pull = self._stream.survey.highest_pull
         hint = log_checks.unit_hint(pull, self._factors)
         if pull > log_checks.HIGHEST_MU:
@@ -452,7 +465,7 @@ class _LogData:
         return log_checks.Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
 
     def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> AdhesionCurve:
-        """Build the curve with all its findings."""
+        """Return the adhesion curve with all findings about the log."""
         assert self._sums is not None, "checked"
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
         peak, radius, record = peak_slip(cells), self._vehicle.wheel.radius, self._record
@@ -500,7 +513,7 @@ class _LogData:
         )
 
     def _dropped_rows(self, broken: Broken, stamps: StampFilter) -> Iterator[log_checks.Finding]:
-        """Findings for unreadable lines, stray time stamps and outliers."""
+        """Yield the findings about unreadable lines, stray time stamps and outliers."""
         yield from (log_checks.Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):
             yield log_checks.Finding("lines", message("broken lines", broken=broken))

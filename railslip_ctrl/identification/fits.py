@@ -1,11 +1,12 @@
-"""Least-squares fits to the means of a log by cell of slip and speed, and the uncertainty of the parameters.
+"""Fit models by least squares to the mean mu in cells of slip and speed; compute the parameters' uncertainty.
 
 Fits to the cells and prediction-error fits (`prediction`) share two functions:
 
 - `search` minimises the sum of squared residuals, with a regularisation that makes the result reproducible.
-- `estimate` computes covariance and intervals. The covariance comes from the Jacobian and the long-run variance of the
-  residuals, or from the differences between tests. An interval comes from the profile likelihood if the symmetric
-  interval is not valid.
+- `estimate` computes the covariance and the intervals of the parameters. The covariance comes from the Jacobian and the
+  long-run variance of the residuals. If a log has several tests that differ by more than noise, the covariance comes
+  from the differences between the tests. If the symmetric interval of a parameter is not valid, the profile likelihood
+  gives the interval.
 """
 
 from __future__ import annotations
@@ -40,8 +41,9 @@ Residuals = Callable[[Floats], Floats]
 REGULARISATION = 0.1
 """Weight of the regularisation, in standard deviations of the noise.
 
-It acts like a normal prior with a standard deviation of ten times a coordinate's size. An estimate that is three sizes
-from the centre and has a standard error of one size is moved by 3 % of this error.
+The regularisation acts like a normal prior on each search coordinate, with a standard deviation of ten times the size
+(usual magnitude) of the coordinate. An estimate with a standard error of one size, three sizes from the centre of the
+prior, is moved by 3 % of its standard error.
 """
 
 _STEP = 1e-4  # difference step, in sizes of a coordinate: rounding and truncation errors are then both about 1e-8
@@ -57,11 +59,12 @@ def search(
     tolerance: float,
     most: int,
 ) -> tuple[float, Floats]:
-    """Minimise the sum of squared residuals within the bounds, from the coordinates `begin`; return (sum, coordinates).
+    """Minimise the sum of squared residuals within the bounds; return (least sum, coordinates of the minimum).
 
-    `residuals` takes parameter values. `weight` is the weight of the regularisation, in the unit of the residuals. The
-    regularisation pulls the coordinates towards `centre`, by default `begin`. The search ends when the relative change
-    of the sum is below `tolerance`, or after `most` evaluations.
+    The search begins at the coordinates `begin`. `residuals` is a function of the parameter values. `weight` is the
+    weight of the regularisation, in the unit of the residuals. The regularisation pulls the coordinates towards
+    `centre`, by default `begin`; the returned sum does not include it. The search ends when the relative change of the
+    sum is below `tolerance`, or after `most` evaluations.
     """
     from scipy.optimize import least_squares
 
@@ -96,7 +99,10 @@ def search(
 def differences(
     residuals: Residuals, coordinates: Coordinates, x: Floats, steps: Floats, indices: Iterable[int] | None = None
 ) -> Floats:
-    """Jacobian (residuals, coordinates) by differences within the bounds; `indices`: the coordinates, default all."""
+    """Jacobian of the residuals, (residuals, coordinates), by central differences that stay within the bounds.
+
+    `steps` are the half widths of the differences. `indices` selects the coordinates; None: all.
+    """
     columns = []
     for i in range(len(x)) if indices is None else indices:
         high, low = x.copy(), x.copy()
@@ -123,10 +129,11 @@ _LEAST_INFORMATION = 1e-8  # share of the information below which a test does no
 
 
 def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
-    """Number of the test, from 0, to which each interval belongs; arrays of one length.
+    """For each interval between rows: number of its test, from 0; arrays of one length.
 
-    An interval ends at `time`, s, has the length `step`, s, and belongs to a `run`. Runs separated by less than half
-    the longest run, for example by a short release of the brake, belong to one test.
+    An interval ends at `time`, s, has the length `step`, s, and belongs to the run with the number `run`. Two runs
+    belong to one test if the pause between them is shorter than half the longest run, for example after a short release
+    of the brake.
     """
     first = np.flatnonzero(np.diff(run, prepend=-1))
     if not len(first):
@@ -138,10 +145,11 @@ def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
 
 
 def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> tuple[Floats, int] | None:
-    """Jackknife covariance (p, p) over tests, and its degrees of freedom; None if tests agree or are too few.
+    """Covariance of p parameters, (p, p), by a jackknife that leaves out one test at a time, and degrees of freedom.
 
-    `residuals` at the least-squares solution have variance 1 each, `slopes` is their Jacobian (residuals, parameters),
-    of full rank; `test` is the number of each residual's test, from 0.
+    Each of the `residuals` at the least-squares solution has variance 1. `slopes` is their Jacobian (residuals,
+    parameters), of full rank. `test` is, for each residual, the number of its test, from 0. Returns None if the tests
+    agree, if there are too few tests, or if one test has nearly all information on some combination of parameters.
     """
     tests, size = int(test.max(initial=-1)) + 1, slopes.shape[1]
     if tests < max(LEAST_TESTS, size + 2):
@@ -189,10 +197,11 @@ _TOLERATED = 0.125  # accepted relative error of a symmetric interval's half wid
 def is_symmetric(
     residuals: Residuals, coordinates: Coordinates, x: Floats, end: Floats, index: int, half: float, rise: float
 ) -> bool:
-    """True if a parameter's symmetric interval is valid: checks the model at both ends, x - end and x + end.
+    """True if the symmetric interval of the parameter `index` is valid, which is checked at both of its ends.
 
-    The shift `end` moves all coordinates according to their covariance. At each end the parameter must have moved by
-    `half`, the sum of squares must have risen by `rise`, and no coordinate may reach its bound.
+    From the best coordinates `x`, the ends are at x - `end` and x + `end`; the shift `end` changes all coordinates
+    according to their covariance. At each end the parameter must have changed by `half` and the sum of squares must
+    have risen by `rise`, within tolerances, and no coordinate may have reached its bound.
     """
     value = float(coordinates.values(x)[index])
     least = float(np.sum(residuals(coordinates.values(x)) ** 2))
@@ -218,12 +227,13 @@ def profile_interval(
     rise: float,
     beside: float = 0.0,
 ) -> tuple[float, float]:
-    """Profile-likelihood interval of a parameter: its ends are where the sum of squares has risen by `rise`.
+    """Profile-likelihood interval of the parameter `index`: at its ends the least sum of squares has risen by `rise`.
 
-    If the sum does not rise so far, the end is the bound. `values` are the best values; `stderr` of the parameter
-    `index` gives the first trial. `beside` is the half width due to an independent error that the residuals do not
-    show; it is added in quadrature. The interval is at least as wide as with the other parameters fixed, because a
-    search may stop above the true least sum of squares.
+    For each value of this parameter all other parameters are fitted again. If the sum does not rise by `rise`, the
+    interval ends at the bound of the parameter. `values` are the best values of all parameters. The standard error
+    `stderr` of the parameter gives the first trial for an end. `beside` is the half width due to an independent error
+    that the residuals do not show; it is added in quadrature. The interval is not narrower than the interval with the
+    other parameters fixed, because a search may stop above the true least sum of squares.
     """
     inverse, value = coordinates.by_inverse(index), float(values[index])
     best, unit = coordinates.represented(index, value), value**-2 if inverse else 1.0
@@ -243,7 +253,7 @@ def profile_interval(
 
 
 class _Profile:
-    """Least sum of squares as a function of one parameter, or of its inverse if `Coordinates` represents it so."""
+    """Least sum of squares as a function of one parameter, or of 1/parameter where `Coordinates` uses the inverse."""
 
     def __init__(self, residuals: Residuals, coordinates: Coordinates, values: Floats, index: int, rise: float) -> None:
         self._residuals, self._coordinates, self._values = residuals, coordinates, values
@@ -254,7 +264,7 @@ class _Profile:
         self._excesses, self._solutions = {self._best: -rise}, {self._best: coordinates.at(values)}
 
     def unprofiled(self, stderr: float) -> float:
-        """Half width of the interval with the other parameters fixed; 0 if the sum of squares does not rise."""
+        """Half width of the interval if all other parameters stay fixed; 0 if the sum of squares does not rise."""
         value, step = float(self._values[self._index]), np.zeros_like(self._values)
         step[self._index] = _SLOPE_STEP * min(stderr, abs(value) or stderr)
         here = self._residuals(self._values)
@@ -265,7 +275,7 @@ class _Profile:
         return self._rise / (gradient + math.sqrt(gradient**2 + steepness * self._rise))
 
     def end(self, side: float, bound: float, stderr: float) -> float:
-        """End of the interval on one side (-1 or 1)."""
+        """Lower end (`side` -1) or upper end (`side` 1) of the interval, `bound` if the sum does not rise enough."""
         from scipy.optimize import brentq
 
         best = inside = self._best
@@ -280,7 +290,7 @@ class _Profile:
         return bound
 
     def _excess(self, x: float) -> float:
-        """Excess of the profiled sum of squares over its value at the interval's end."""
+        """Least sum of squares with the parameter at `x`, minus the sum that defines an end of the interval."""
         excesses, coordinates = self._excesses, self._coordinates
         if x in excesses:  # a repeated search could end a little lower and change the sign
             return excesses[x]
@@ -294,7 +304,7 @@ class _Profile:
         return excesses[x]
 
     def _guess_at(self, x: float) -> Floats:
-        """Start for the coordinates, interpolated or extrapolated linearly from the nearest profiled points."""
+        """Starting coordinates for the parameter at `x`, by linear interpolation or extrapolation of earlier fits."""
         profiled = sorted(self._solutions)
         if len(profiled) == 1:
             return self._solutions[profiled[0]]
@@ -304,7 +314,7 @@ class _Profile:
         return (1.0 - share) * self._solutions[low] + share * self._solutions[high]
 
     def _minimised(self, start: Floats, value: float) -> tuple[float, Floats]:
-        """Least sum of squares with the parameter fixed at `value`, and all values there."""
+        """Least sum of squares with the parameter fixed at `value`, and all parameters' values at this minimum."""
         at = self._coordinates.moved(start, self._index, value)
         others = np.arange(len(at)) != self._index
         if not others.any():
@@ -331,10 +341,10 @@ CONFIDENCE = 0.99  #: confidence level of the parameters' intervals
 NORMAL_QUANTILE = 2.5758293035489004  #: half width of a normal 99 % interval in standard errors
 
 SINGULAR = 1e-6
-"""Relative singular value of the scaled Jacobian below which a direction is not identifiable.
+"""Singular value of the scaled Jacobian, relative to the largest one, below which a direction is not identifiable.
 
-Along this direction the result comes from the regularisation. Rounding errors of 1e-16, over difference steps of 1e-5,
-leave relative singular values of about 1e-10.
+Along such a direction the result comes from the regularisation. Rounding errors of 1e-16 in differences with steps of
+1e-5 cause relative singular values of about 1e-10.
 """
 
 _DIFFERENCE = 1e-5  # difference step, in sizes of a coordinate
@@ -344,7 +354,7 @@ _LARGEST_DISTANCE = 0.05  # of the typical value: limit of the distance `_NEAR_B
 
 
 class Problem(Protocol):
-    """Least-squares problem: residuals as a function of the values, and the coordinates of the search."""
+    """Least-squares problem: the residuals as a function of the parameter values, and the search coordinates."""
 
     coordinates: Coordinates
 
@@ -353,15 +363,17 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """Estimates of the free parameters with their uncertainty; arrays by parameter.
+    """Estimates of p free parameters with their uncertainty; the arrays have one entry for each parameter.
 
-    - covariance: (p, p); the roots of the diagonal are standard errors like `Parameter.stderr`. NaN for parameters that
-      are not identifiable. It includes parameters that rest on a bound, because they are not known exactly.
-    - coordinate_covariance: covariance of the search coordinates, in which the model is nearly linear over some
-      standard errors.
-    - active: bound on which a parameter rests: -1 lower, 1 upper, 0 none.
-    - unidentified: mask of the parameters that are not identifiable.
-    - limits: profile-likelihood intervals by parameter index, if the symmetric interval is not valid.
+    - covariance: (p, p). The square roots of the diagonal are the standard errors, defined as `Parameter.stderr`. NaN
+      for parameters that are not identifiable. A parameter that rests on a bound also has a covariance, because it is
+      not known exactly.
+    - coordinate_covariance: covariance of the search coordinates. In these coordinates the model is nearly linear over
+      some standard errors.
+    - active: bound on which the parameter rests: -1 lower, 1 upper, 0 none.
+    - unidentified: true if the parameter is not identifiable.
+    - limits: profile-likelihood intervals, by index of the parameter, of the parameters whose symmetric interval is not
+      valid.
     """
 
     values: Floats
@@ -388,9 +400,10 @@ def estimate(
 
     - slopes: Jacobian of the residuals at x.
     - variance, freedom: long-run variance of the residuals, and its degrees of freedom.
-    - tests: test number of each residual; the residuals then have variance 1. If tests disagree and the model is nearly
-      linear within the intervals, the covariance comes from the differences between tests.
-    - shifts: errors of the numerical method, in coordinates, each counted as a standard error.
+    - tests: number of the test to which each residual belongs; the residuals must then have variance 1. If the tests
+      disagree and the model is nearly linear within the intervals, the covariance comes from the differences between
+      the tests.
+    - shifts: errors of the coordinates due to the numerical method. Each error counts as a standard error.
     - profiles: if false, every interval is symmetric.
     """
     coordinates = problem.coordinates
@@ -427,14 +440,18 @@ def estimate(
 
 
 def _student_ratio(freedom: int) -> float:
-    """Ratio of Student's quantile to the normal quantile."""
+    """Ratio of Student's quantile, with `freedom` degrees of freedom, to the normal quantile, for 99 % intervals."""
     from scipy.stats import t as student
 
     return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
 
 
 def _transformed(own: Floats, jacobian: Floats, unknown: Flags, free: Flags) -> Floats:
-    """Covariance of the values from the covariance `own` of the coordinates; `jacobian`: values by coordinates."""
+    """Covariance of the parameter values, from the covariance `own` of the coordinates.
+
+    `jacobian` has the derivatives of the values with respect to the coordinates. `unknown` marks the values that are
+    not identifiable, whose covariance is NaN; `free` marks the identifiable coordinates.
+    """
     result: Floats = jacobian[:, free] @ own[np.ix_(free, free)] @ jacobian[:, free].T
     result[unknown] = np.nan
     result[:, unknown] = np.nan
@@ -444,9 +461,10 @@ def _transformed(own: Floats, jacobian: Floats, unknown: Flags, free: Flags) -> 
 def _profiles(
     problem: Problem, x: Floats, jacobian: Floats, unit: Floats, own: Floats, beside: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Profile intervals by parameter index, where the symmetric interval is not valid.
+    """Profile-likelihood intervals, by index, of the parameters whose symmetric interval is not valid.
 
-    `unit` is the coordinates' covariance for residuals of variance 1, `own` the scaled covariance.
+    `unit` is the covariance of the coordinates if the residuals have variance 1, `own` their estimated covariance.
+    `beside` is, for each parameter, the half width due to errors of the numerical method.
     """
     coordinates, residuals, intervals = problem.coordinates, problem.residuals, {}
     own, unit = np.nan_to_num(own), np.nan_to_num(unit)
@@ -463,7 +481,7 @@ def _profiles(
 
 
 def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArray[np.int_]:
-    """Active bound of each coordinate: -1 lower, 1 upper, 0 none."""
+    """For each coordinate, the bound on which it rests: -1 lower, 1 upper, 0 none."""
     near = np.nan_to_num(_NEAR_BOUND * np.sqrt(np.diag(covariance)))
     next_to = _LARGEST_DISTANCE * np.abs(coordinates.at(coordinates.typical))
     distance = np.maximum(_AT_BOUND * coordinates.sizes(x), np.minimum(near, next_to))
@@ -471,7 +489,7 @@ def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArr
 
 
 def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np.int_]:
-    """Convert the active bounds of the coordinates to active bounds of the values."""
+    """Convert `active`, the bounds on which coordinates rest, to the bounds on which parameter values rest."""
     result = active.copy()
     if coordinates.pair is not None:
         b, g = coordinates.pair
@@ -488,9 +506,9 @@ def slopes_of(problem: Problem, x: Floats) -> Floats:
 
 
 def unidentified(scaled: Floats) -> Flags:
-    """Mask of the coordinates that take part in a direction along which the residuals do not change.
+    """True for each coordinate that can change, alone or together with others, without a change of the residuals.
 
-    `scaled` is the Jacobian of the residuals by the coordinates, in sizes of the coordinates.
+    `scaled` is the Jacobian of the residuals with respect to the coordinates, each divided by its size.
     """
     if not scaled.size:
         return np.zeros(scaled.shape[1], dtype=bool)
@@ -527,11 +545,12 @@ _INSIDE = 1e-6  # distance from the bounds at which a search begins, in sizes of
 class Parameter:
     """A fitted parameter with its uncertainty, SI.
 
-    - stderr: half width of the 99 % interval over 2.576, which includes the uncertainty of the noise level; NaN if
-      the parameter is not identifiable or rests on a bound.
+    - stderr: half width of the symmetric 99 % interval, divided by 2.576. It includes the uncertainty of the noise
+      level. NaN if the parameter is not identifiable or rests on a bound.
     - status: "fitted", "at lower bound", "at upper bound" or "not identifiable".
-    - limits: the interval if it is not symmetric. It comes from the profile likelihood if the parameter is near a bound
-      or hardly determined by the data, and may be unbounded. Otherwise it is a symmetric interval, cut at a bound.
+    - limits: ends of the 99 % interval if it is not symmetric about the value, else None. Near a bound, or if the data
+      hardly determine the parameter, the interval comes from the profile likelihood and may be unbounded. In other
+      cases it is the symmetric interval, cut off at a bound.
     """
 
     name: str
@@ -560,7 +579,7 @@ class Parameter:
 
     @property
     def remark(self) -> str:
-        """Note on an active bound or an unbounded interval; empty if there is neither."""
+        """Note if the parameter rests on a bound or its interval is unbounded; else empty."""
         low, high = self.interval
         if self.is_unconstrained:
             return f"{self.name}: this log does not determine it"
@@ -575,18 +594,21 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model; its `law` has the fitted parameters.
+    """A fitted model; `law` is the adhesion law with the fitted parameters.
 
     - estimate: estimates of the parameters with their covariance.
-    - residual_squares: sum of the squared deviations of all samples from the model.
-    - cell_coefficients: the model's mean mu of each cell.
-    - long_run_variance: n times the variance of a mean over n samples, for large n; NaN if it cannot be estimated.
-    - followed: (2, k), slip ratio and mu of a dynamic model along the log's motion; None for a static model.
+    - residual_squares: sum of the squared deviations of all samples of mu from the model.
+    - cell_coefficients: the model's mean adhesion coefficient mu in each cell of slip and speed (`Cells`).
+    - long_run_variance: long-run variance of the residuals, which is n times the variance of the mean of n samples, for
+      large n; NaN if it cannot be estimated.
+    - followed: slip ratio and mu that a dynamic model has along the motion in the log, (2, k); None for a static model.
     - known_stderrs: standard deviations of parameters that were not fitted, by name.
     - with_profiles: whether profile-likelihood intervals were computed where needed.
-    - deviance: -2 log likelihood of the wheel's motion, for a prediction-error fit.
-    - inflation: long-run variance of the whitened errors, and its degrees of freedom, for a prediction-error fit.
-    - coarse: mu at the knots of a table, from a fit with every second knot; None for other models.
+    - deviance: -2 log likelihood of the wheel's motion; NaN without a prediction-error fit.
+    - inflation: long-run variance of the whitened prediction errors, and its degrees of freedom; (NaN, 0) without a
+      prediction-error fit.
+    - coarse: for a table with a prediction-error fit, mu at its knots from a second fit with every second knot;
+      else None.
     """
 
     model: FitModel
@@ -607,17 +629,17 @@ class Fit:
 
     @property
     def values(self) -> Floats:
-        """Array of the fitted values."""
+        """Fitted values of the parameters."""
         return np.array([p.value for p in self.parameters])
 
     @property
     def covariance(self) -> Floats:
-        """Covariance of the fitted values."""
+        """Covariance matrix of the fitted values."""
         return self.estimate.covariance
 
     @property
     def correlation(self) -> Floats:
-        """Correlation of the estimates, NaN as in `covariance`."""
+        """Correlation matrix of the fitted values; NaN where `covariance` is NaN."""
         deviation = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(deviation, deviation))
 
@@ -632,11 +654,11 @@ def fit(
     *,
     profiles: bool = True,
 ) -> Fit:
-    """Fit a model to the cells by minimising the sum over all samples of (mu - model)^2 within the bounds.
+    """Fit a model to the cells: minimise the sum of (mu - mu of the model)^2 over all samples, within the bounds.
 
-    `sliding_from` is the slip ratio where sliding begins, used by the models in `SLIDING_ALONE`; `tau` is the
-    observer's time constant, s. Without `profiles` every interval is symmetric. InputError for fewer cells than
-    parameters.
+    The models in `SLIDING_ALONE` are fitted only to cells with slip ratios of at least `sliding_from`, where sliding
+    begins. `tau` is the observer's time constant, s. Without `profiles` every interval is symmetric. InputError if
+    there are not more cells than parameters.
     """
     used = cells.slip >= sliding_from if model.name in SLIDING_ALONE else np.ones(len(cells.slip), dtype=bool)
     if used.sum() <= len(model.names):
@@ -657,7 +679,7 @@ def fit_of(
     noise: tuple[float, int],
     followed: Floats | None = None,
 ) -> Fit:
-    """Build the `Fit` from the estimates; `noise` is the long-run variance and its degrees of freedom."""
+    """Build the `Fit` from the estimates `known`; `noise` is the long-run variance and its degrees of freedom."""
     mean, spread = in_cells(model, known.values, cells)
     if followed is not None:
         mean = np.interp(cells.slip, *followed)
@@ -690,14 +712,14 @@ def fit_of(
 
 
 def in_cells(model: FitModel, values: Floats, cells: Cells) -> tuple[Floats, Floats]:
-    """Mean and variance of the model's mu in every cell."""
+    """For each cell: mean of the model's mu over the cell, and variance of the model's mu within the cell."""
     mu = model.coefficient(values, cells.nodes, cells.node_speeds, cells.load)
     mean: Floats = np.sum(cells.weights * mu, axis=0)
     return mean, np.sum(cells.weights * (mu - mean) ** 2, axis=0)
 
 
 class _Problem:
-    """Least-squares problem of a fit to the cells used, and its solution."""
+    """Least-squares problem of a fit to the cells that the mask `used` selects, and its solution."""
 
     def __init__(self, model: FitModel, cells: Cells, used: Flags) -> None:
         self.model, self.cells, self.used = model, cells, used
@@ -705,13 +727,13 @@ class _Problem:
         self.root = np.sqrt(cells.count[used])
 
     def residuals(self, values: Floats) -> Floats:
-        """Model's mean mu minus the samples' mean mu, in the cells used, times the root of the sample count."""
+        """For each cell used: mean mu of the model minus mean mu of the samples, times the root of their number."""
         c, at = self.cells, self.used
         mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], c.load[at])
         return np.asarray(self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at]))
 
     def solve(self) -> Floats:
-        """Best solution from all starts, in coordinates; the first of equal solutions."""
+        """Search from several sets of starting values; return the best coordinates, the first of equal results."""
         coordinates, solutions = self.coordinates, []
         weight = SINGULAR * float(np.linalg.norm(self.root * self.cells.mu[self.used]))
         starts = [coordinates.at(start) for start in self.model.starts]
@@ -731,11 +753,13 @@ class _Problem:
 def long_run_variance(
     mean: Floats, used: Flags, stretches: Stretches, parameters: int, tau: float
 ) -> tuple[float, int]:
-    """Long-run variance of the residuals, per sample, and its degrees of freedom.
+    """Long-run variance of the residuals (n times the variance of the mean of n samples), and its degrees of freedom.
 
-    It comes from sums over stretches of time. It is the largest value over all stretch lengths that leave enough
-    degrees of freedom, because short stretches do not show the scatter from run to run. The bias that the observer's
-    filter causes in finite stretches is corrected; `tau`, s, is its time constant, 0 for unfiltered residuals.
+    It is computed from sums of the residuals over stretches of time. Short stretches do not show the scatter from run
+    to run. Several lengths of the stretches are therefore tried, and of those that leave enough degrees of freedom the
+    largest variance is returned. `mean` is the model's mean mu in each cell, `used` a mask of cells, `parameters` the
+    number of fitted parameters. The bias that the observer's filter causes in finite stretches is corrected. `tau`, s,
+    is the time constant of this filter, 0 for residuals without a filter.
     """
     entry = used[stretches.cell]
     stretch, length = stretches.stretch[entry], stretches.length

@@ -1,7 +1,7 @@
-"""Identify one log or several: adhesion curve, comparison of fitted models, reference slip (record `Identification`).
+"""Identify an adhesion law from one log or several; the result is an `Identification` or a `LogSeries`.
 
-The parameters' intervals take most of the computing time, so only the chosen model gets them. A delay of the wheel's
-speed is estimated by fitting the motion again with this speed shifted in time.
+The intervals of the parameters take most of the computing time, so they are computed only for the chosen model. A delay
+of the wheel's speed is estimated by fitting the motion again with this speed shifted in time.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ example in vacuum.
 
 
 def highest_mu(fitted: Fit, setting: models.Setting) -> float:
-    """Highest adhesion coefficient of a fitted model, at the lowest and the highest of `DRIFT_SPEEDS`.
+    """Highest adhesion coefficient that a fitted model has at the lowest or the highest of `DRIFT_SPEEDS`.
 
-    InputError for a law whose adhesion is nowhere positive.
+    InputError if the adhesion is not positive at any slip.
     """
     speeds = (share * setting.initial_speed for share in (DRIFT_SPEEDS[0], DRIFT_SPEEDS[-1]))
     law = fitted.model.make_force_law(fitted.values, fitted.law.rail)
@@ -67,7 +67,7 @@ def highest_mu(fitted: Fit, setting: models.Setting) -> float:
 
 
 def check_fit(fitted: Fit, setting: models.Setting, curve: AdhesionCurve) -> None:
-    """Raise InputError if the highest adhesion of a fit is above `IMPOSSIBLE_MU`, or nowhere positive."""
+    """Raise InputError if the highest adhesion coefficient of a fit is above `IMPOSSIBLE_MU` or not positive."""
     value = highest_mu(fitted, setting)
     if value <= IMPOSSIBLE_MU:
         return
@@ -81,7 +81,7 @@ def check_fit(fitted: Fit, setting: models.Setting, curve: AdhesionCurve) -> Non
 
 
 def fit_warnings(fitted: Fit, setting: models.Setting, curve: AdhesionCurve) -> tuple[str, ...]:
-    """Warnings about an implausible fit that is not refused, one sentence each."""
+    """Warnings about an implausible but not impossible fit, one sentence each."""
     value = highest_mu(fitted, setting)
     ordinary = LOWEST_MU <= value <= HIGHEST_MU
     warnings = []
@@ -120,17 +120,17 @@ _CURVATURE_STEP = 0.25  # difference step for the curvature of the deviance, in 
 
 @dataclass(frozen=True)
 class Lag:
-    """Delay of the wheel's speed behind the other columns, s, negative if it leads, and the standard error, s."""
+    """Delay of the wheel's speed relative to the other columns, s (negative: too early), and its standard error, s."""
 
     seconds: float
     stderr: float
 
 
 class Shifted:
-    """Refits a model with the wheel's speed shifted in time, and returns the deviance of each fit.
+    """Fits a model again for trial delays of the wheel's speed, and returns the -2 log likelihood of each fit.
 
-    It uses whole runs from the start of the record, as many as fit into `_MOST_ROWS` rows. If the first run is longer,
-    it uses the first `_MOST_ROWS` rows.
+    Only the first whole runs of the record are used, with at most `_MOST_ROWS` rows together. If the first run is
+    longer, its first `_MOST_ROWS` rows are used.
     """
 
     def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
@@ -144,11 +144,14 @@ class Shifted:
         self.interval = float(np.median(np.diff(self._record.time)[np.diff(self._record.run) == 0]))  # s
 
     def inflation(self, lag: float) -> float:
-        """Long-run variance of the whitened errors at a lag already evaluated, at least 1."""
+        """Long-run variance of the whitened errors of the fit with delay `lag`, s; values below 1 are set to 1.
+
+        `deviance` must have been called with this delay before.
+        """
         return max(self._results[lag][1], 1.0)
 
     def deviance(self, lag: float) -> float:
-        """-2 log likelihood at a lag, s; the fit starts from the best parameters so far."""
+        """-2 log likelihood of the fit with delay `lag`, s; the fit starts from the best parameters of earlier fits."""
         if lag not in self._results:
             problem = PredictionErrors(self._model, delayed(self._record, lag), self._vehicle, self._wheel_load)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try extreme values
@@ -161,9 +164,9 @@ class Shifted:
 def lag_of(
     fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float, *, table: Fit | None = None
 ) -> Lag | None:
-    """Most likely delay of the wheel's speed, or None if the motion does not clearly favour a delay.
+    """Most likely delay of the wheel's speed; None if no delay clearly improves the fit to the wheel's motion.
 
-    If a `table` is given, the delay must also improve the fit of the table.
+    If a fitted `table` is given, the delay must also improve the fit of the table.
     """
     shifted = Shifted(fit, record, vehicle, wheel_load)
     if not shifted.is_usable:
@@ -179,7 +182,7 @@ def lag_of(
 
 
 def _most_likely(shifted: Shifted) -> Lag | None:
-    """Lag with the least -2 log likelihood of the motion; None if this is not far below the value at lag 0."""
+    """Delay with the least -2 log likelihood of the motion; None if the fit without delay is nearly as likely."""
     from scipy.optimize import minimize_scalar
 
     deviance, interval = shifted.deviance, shifted.interval
@@ -208,7 +211,7 @@ def _most_likely(shifted: Shifted) -> Lag | None:
 
 
 def delayed(record: BrakedRows, lag: float) -> BrakedRows:
-    """Delay train speed and brake torque of a record by `lag`, s, run by run, to match a wheel speed that is late."""
+    """Delay train speed and brake torque of each run by `lag`, s, so that they match a wheel speed that is late."""
     speed, torque = record.speed.copy(), record.torque.copy()
     for run in np.unique(record.run):
         at = record.run == run
@@ -219,7 +222,7 @@ def delayed(record: BrakedRows, lag: float) -> BrakedRows:
 
 
 def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
-    """Warning about a delay; `interval`: time between rows, s; `delays`: corrections given by the user, s."""
+    """Warning about a delay. `interval`: time between rows, s; `delays`: corrections given by the user, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
     cause = ""
     if not given and abs(late - interval / 2.0) < _EQUAL * lag.stderr:
@@ -237,14 +240,20 @@ DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  #: speeds at which the peak is reporte
 
 
 class Candidates:
-    """Fits models to an adhesion curve; the sliding regime begins at the highest measured mu."""
+    """Fits models to an adhesion curve.
+
+    The sliding regime, to which some models are fitted, begins at the slip of the highest measured mu.
+    """
 
     def __init__(self, curve: AdhesionCurve, vehicle: Vehicle, setting: models.Setting) -> None:
         self.curve, self.vehicle, self.setting = curve, vehicle, setting
         self.regimes = results.regimes_of_data(curve.cells)
 
     def fitted(self, names: Sequence[str]) -> tuple[tuple[Fit, ...], tuple[str, ...]]:
-        """Fit the named models; return (fits, messages for failed models). A single model also gets intervals."""
+        """Fit the models `names`; return (fits, messages about failed fits).
+
+        The intervals of the parameters are computed only if there is a single name.
+        """
         fits, failures, alone = list[Fit](), list[str](), len(names) == 1
         for name in names:
             try:
@@ -254,11 +263,11 @@ class Candidates:
         return tuple(fits), tuple(failures)
 
     def with_intervals(self, fitted: Fit) -> Fit:
-        """Return the fit with intervals of its parameters, fitted again if it has none."""
+        """Return the fit with intervals of its parameters; the model is fitted again if the fit has no intervals."""
         return fitted if fitted.with_profiles else self._fit(fitted.model.name, profiles=True)
 
     def table_of(self, fits: Sequence[Fit]) -> Fit | None:
-        """Return the fitted table in `fits`, or fit a table; None if it has no prediction-error fit."""
+        """Return the table in `fits`, or else fit a table; None if the table has no prediction-error fit."""
         table = next((each for each in fits if each.model.name == "table"), None)
         if table is None:
             with suppress(InputError):
@@ -266,7 +275,7 @@ class Candidates:
         return table if table is not None and table.coarse is not None else None
 
     def _fit(self, name: str, *, profiles: bool) -> Fit:
-        """Fit one model. InputError if it cannot be fitted, or its adhesion is impossible."""
+        """Fit one model. InputError if the fit fails, or if the fitted adhesion is impossible."""
         curve, setting, profiles = self.curve, self.setting, profiles and name != "table"
         model = models.fit_model(name, curve.cells, models.shape_of(curve.cells, curve.peak_slip), setting)
         known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
@@ -289,7 +298,7 @@ _LEAST_RAMP = 0.05  # m/s^2; a slower change counts as constant slip
 
 @dataclass(frozen=True)
 class ModelLine:
-    """mu over slip ratio of a fitted model, at the log's mean speed for each slip."""
+    """Curve of mu over slip ratio of a fitted model, at the mean speed that the log has at each slip."""
 
     name: str
     slip: Floats
@@ -300,15 +309,16 @@ class ModelLine:
 class Identification:
     """Result of identifying a log.
 
-    - vehicle, options: as given.
-    - setting: known quantities of the fits.
-    - curve: the data of the log.
-    - scores, lines: all fitted models, lowest BIC first, and their curves in the same order.
-    - chosen: the model given by the user, else the first formula that fits, else the table.
+    - vehicle, options: the arguments of the identification.
+    - setting: quantities that the fits take as known.
+    - curve: the adhesion data of the log.
+    - scores, lines: scores of all fitted models, lowest BIC first, and curves of these models in the same order.
+    - chosen: score of the model given by the user, else of the first formula that fits, else of the table.
     - not_fitted: reasons why models are left out, one sentence each.
-    - peaks: peaks over speed, on the log's rail and on wet rail.
-    - regimes: adhesion and sliding, split at the chosen model's peak if the log goes past this peak.
-    - reference: reference slips at the initial speed; None without a peak.
+    - peaks: adhesion peaks at several speeds, on the log's rail and on wet rail.
+    - regimes: adhesion and sliding. Sliding begins at the chosen model's peak if the log goes past this peak, else at
+      the highest measured mu.
+    - reference: reference slips at the initial speed; None if the model has no peak within the slips of the log.
     - warnings: faults of the log that the data or the fits show.
     - fit_warnings: warnings about the chosen model.
     - delay: delay of the wheel's speed; None if no delay was found.
@@ -336,7 +346,7 @@ class Identification:
 
     @property
     def own_peak(self) -> results.PeakSlip:
-        """Peak at the initial speed, on the log's rail."""
+        """Adhesion peak at the initial speed, on the rail of the log."""
         return [each for each in self.peaks if each.rail is self.setting.rail][-1]
 
     @property
@@ -368,13 +378,13 @@ def identify(
     progress: Callable[[float], None] | None = None,
     observed: Callable[[Observed], None] | None = None,
 ) -> Identification:
-    """Identify the adhesion law from a log: curve, fits of the models in the options, comparison, reference slip.
+    """Identify the adhesion law from a log: fit the models, compare the fits and compute the reference slip.
 
     - path: the CSV file, in the format of `railslip identify --help`.
     - vehicle: vehicle whose wheel and wheel load are used, SI.
-    - options: further options; by default those of `railslip identify`.
-    - progress: called with the share of the file read, 0 to 1.
-    - observed: called with each block of observed samples, SI.
+    - options: further options; None: the defaults of `railslip identify`.
+    - progress: called with the share of the file that has been read, 0 to 1.
+    - observed: called with each block of adhesion samples (`Observed`), SI.
 
     A log or an option that cannot be used raises InputError with a message of one line.
     """
@@ -393,7 +403,7 @@ def _model_names(options: Options) -> tuple[str, ...]:
 
 
 def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> Identification:
-    """Identify the adhesion law from an adhesion curve. InputError as `identify`."""
+    """Identify the adhesion law from an adhesion curve. InputError as for `identify`."""
     names = _model_names(options)
     setting = setting_of(curve, vehicle, options)
     candidates = Candidates(curve, vehicle, setting)
@@ -426,7 +436,7 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
 
 
 def _model_fields(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
-    """Fields of an `Identification` that depend on the chosen model; the last peak of each rail is at v0."""
+    """Fields of an `Identification` that depend on the chosen model; the last of `peaks` on each rail is at v0."""
     curve, setting = candidates.curve, candidates.setting
     at_v0 = {peak.rail: peak for peak in peaks}
     # for a wet log, both reference slips are those of the wet rail
@@ -491,9 +501,9 @@ def _misfit_warning(scores: Sequence[results.Score], chosen: Fit, table: Fit | N
 
 
 def _delay(fit: Fit, table: Fit | None, candidates: Candidates) -> Lag | None:
-    """Delay of the wheel's speed; None also if another fault of the log could look like a delay.
+    """Delay of the wheel's speed; None if there is none, or if another fault of the log could look like a delay.
 
-    The estimate uses the formula if it fits, else the table.
+    The delay is estimated with the chosen model `fit` if it fits the log, else with the table.
     """
     curve, load = candidates.curve, candidates.setting.wheel_load
     if curve.survey.is_mixed or is_wrong_wheel(curve.rolling) or deceleration_differs(curve.deceleration_ratio):
@@ -510,9 +520,10 @@ def _wheel_findings(curve: AdhesionCurve) -> tuple[str, ...]:
 def _peaks(
     score: results.Score, setting: models.Setting, curve: AdhesionCurve, table: Fit | None
 ) -> tuple[results.PeakSlip, ...]:
-    """Peaks over speed, without a reference slip if the peak lies beyond the largest slip of the log.
+    """Adhesion peaks at `DRIFT_SPEEDS`; a peak beyond the largest slip of the log has no reference slip.
 
-    A formula's interval contains the table's interval if the formula does not fit the motion better than the table.
+    If a formula does not fit the motion better than the table, the interval of its peak is widened to contain the
+    interval of the table's peak.
     """
     fit, v0, widest = score.fit, setting.initial_speed, None
     speeds = [share * v0 for share in DRIFT_SPEEDS]
@@ -537,7 +548,7 @@ def _line(fit: Fit, cells: Cells, setting: models.Setting) -> ModelLine:
 
 
 def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> models.Setting:
-    """Known quantities of the fits: wheel load, v0 and slip acceleration, as given or else from the log."""
+    """Quantities that the fits take as known; an initial speed in the options replaces that of the log."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
     ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
     ramped = ramp >= _LEAST_RAMP
@@ -555,9 +566,9 @@ def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> mode
 
 @dataclass(frozen=True)
 class LogSeries:
-    """Several logs identified with one model, and the parameters of this model over the initial speed.
+    """Several logs identified with one model, and its parameters as polynomials of the initial speed.
 
-    `warnings` are about differences between the logs; each log also has its own warnings.
+    `warnings` are about differences between the logs; warnings about a single log are in its `Identification`.
     """
 
     logs: tuple[Identification, ...]
@@ -568,9 +579,10 @@ class LogSeries:
 def identify_several(
     paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
 ) -> LogSeries:
-    """Identify logs at several initial speeds with one model; "best": the formula with the lowest sum of BIC.
+    """Identify logs of several initial speeds with one model.
 
-    `paths` are the logs; `vehicle`, `options`, `progress` and InputError as in `identify`.
+    The model "best" is the formula whose BIC, summed over the logs, is lowest. `paths` are the logs; `vehicle`,
+    `options`, `progress` and InputError are as in `identify`.
     """
     whole = [path.resolve() for path in paths]
     for i, path in enumerate(whole):

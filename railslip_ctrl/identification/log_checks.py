@@ -1,10 +1,10 @@
-"""Plausibility checks of a log; each fault is a `Finding`.
+"""Check whether a log is plausible; each fault is a `Finding`.
 
-- Free rolling: without brake, torque and slip are zero. A measured torque is then a sensor offset, and a measured slip
-  indicates a wrong wheel radius.
+- Free rolling: without brake, torque and slip should be zero. A measured torque is therefore a sensor offset, and a
+  measured slip indicates a wrong wheel radius.
 - Adhesion: compared with the range of steel on steel.
 - Deceleration: compared with the deceleration expected from the wheel's adhesion and the train's mass.
-- Unit of the time, resolution of the columns, wheel loads.
+- The unit of the time, the resolution of the columns and the wheel loads are also checked.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ _UNIFORM = math.sqrt(12.0)  # quantisation step over the standard deviation of i
 class Rolling:
     """Slip ratio and brake torque during free rolling, with their standard errors, SI.
 
-    `speed`, `omega`, `load` and `deceleration` are medians; `freedom` is the degrees of freedom of both errors.
+    `speed`, `omega`, `load` and `deceleration` are medians. `freedom` is the number of degrees of freedom of
+    `slip_error` and of `torque_error`.
     """
 
     slip: float
@@ -76,16 +77,16 @@ class Rolling:
 
     @property
     def critical_value(self) -> float:
-        """Number of standard errors beyond which a value is significant: Student's quantile for `_FALSE_ALARM`."""
+        """Number of standard errors above which a value is significant: Student's quantile for `_FALSE_ALARM`."""
         from scipy.special import stdtrit
 
         return float(stdtrit(self.freedom, 1.0 - _FALSE_ALARM / 2.0))
 
 
 class FreeRolling:
-    """Collects windows of rows with constant torque and slip, at most `_MOST_WINDOWS`, spread over the log.
+    """Finds free rolling in a log: collects windows of rows in which torque and slip are constant.
 
-    Rows may arrive in blocks of any size.
+    At most `_MOST_WINDOWS` windows are kept, spread over the log. Rows may arrive in blocks of any size.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -96,7 +97,7 @@ class FreeRolling:
         self._stride, self._seen = 1, 0
 
     def add(self, rows: Floats) -> None:
-        """Add rows (5, k): time (s), v (m/s), omega (rad/s), torque (N*m), load (N); time grows over all blocks."""
+        """Add rows (5, k): time (s), v (m/s), omega (rad/s), torque (N*m) and load (N), later than earlier rows."""
         rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _LARGEST_VALUE, axis=0)]], axis=1)
         if rows.shape[1] < 2:
             self._rows = rows
@@ -114,10 +115,10 @@ class FreeRolling:
             self._rows = part[:, count * hop :]  # beginning of the next window
 
     def _steady(self, views: Floats) -> Floats:
-        """Reduce each steady window of `views`, (5, windows, rows), to a column of seven numbers.
+        """Return seven numbers for each window of `views`, (5, windows, rows), with constant torque and slip.
 
-        These are the means of torque, v, omega and load, the standard error of the torque, the deceleration, and 1 if
-        omega changes, else 0.
+        The numbers are the means of torque, v, omega and load, the standard error of the torque, the deceleration, and
+        1 if omega changes within the window, else 0.
         """
         rolling = (views[1] > LOWEST_SPEED).all(axis=1) & (views[4] > 0.0).all(axis=1)
         time, v, omega, torque, load = views[:, rolling]
@@ -140,7 +141,10 @@ class FreeRolling:
             self._windows = self._windows[:, ::2]
 
     def result(self, *, speed_step: float = 0.0, omega_step: float = 0.0) -> Rolling | None:
-        """Return the result, or None if the wheel never rolls freely; resolutions of the speeds in m/s and rad/s."""
+        """Return slip and torque in free rolling; None if the wheel never rolls freely.
+
+        `speed_step`, m/s, and `omega_step`, rad/s, are the quantisation steps of the train's and the wheel's speed.
+        """
         windows = self._lowest()
         if windows is None:
             return None
@@ -167,7 +171,7 @@ class FreeRolling:
         )
 
     def _lowest(self) -> Floats | None:
-        """Windows at the lowest torque that has enough windows."""
+        """Windows of the lowest torque level to which enough windows belong; None if no level has enough."""
         windows = self._windows[:, np.argsort(self._windows[0])]
         torque, _, _, load, noise, _, _ = windows
         least = max(_LEAST_WINDOWS, math.ceil(_LEAST_SHARE * len(torque)))
@@ -180,7 +184,7 @@ class FreeRolling:
 
 
 def _is_steady(time: Floats, values: Floats, least: Floats) -> Flags:
-    """Mask of the windows whose slope and curvature are below the noise, or below the accepted change `least`."""
+    """For each window: True if slope and curvature of `values` are within the noise or the accepted change `least`."""
     x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
     bend = x**2 - np.mean(x**2, axis=1, keepdims=True)
     noise = np.mean(np.diff(values, axis=1) ** 2, axis=1) / 2.0
@@ -193,7 +197,7 @@ def _is_steady(time: Floats, values: Floats, least: Floats) -> Flags:
 
 
 def _error_of_median(values: Floats) -> float:
-    """Standard error of the median over windows that overlap by half."""
+    """Standard error of the median of `values`, one value for each window; neighbouring windows overlap by half."""
     scatter = _SIGMA_PER_MAD * float(np.median(np.abs(values - np.median(values))))
     return _MEDIAN * scatter / math.sqrt(max(len(values) / 2.0, 1.0))
 
@@ -216,10 +220,11 @@ _EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this sh
 
 @dataclass(frozen=True)
 class Known:
-    """Data for judging free rolling: the vehicle, the adhesion curve, the user's corrections.
+    """Vehicle, features of the adhesion curve and corrections by the user, with which free rolling is judged.
 
-    `slope` is the initial dmu/dslip of the curve, inf if not known; `peak_slip` is 0 if not known. `wheel_column` is
-    the quantity from which the wheel's speed was read, `zeros` the offsets subtracted, SI.
+    `slope` is dmu/dslip of the curve at low slip, inf if it is not known. `peak_slip` is the slip ratio of the curve's
+    peak, 0 if it is not known. `wheel_column` is the quantity from which the wheel's speed was read. `zeros` are the
+    sensor offsets that were subtracted, SI, by quantity.
     """
 
     vehicle: Vehicle
@@ -229,7 +234,7 @@ class Known:
     zeros: Mapping[str, float]
 
     def creep(self, rolling: Rolling) -> float:
-        """Slip ratio of an unbraked wheel, at which the adhesion force balances its friction and inertia."""
+        """Slip ratio at which the adhesion force on an unbraked wheel balances the wheel's friction and inertia."""
         if not self.slope > 0.0:
             return 0.0
         vehicle, radius = self.vehicle, self.vehicle.wheel.radius
@@ -238,7 +243,7 @@ class Known:
         return min(max(force / (rolling.load * self.slope), -_MOST_CREEP), _MOST_CREEP)
 
     def tolerance(self, rolling: Rolling) -> float:
-        """Largest plausible deviation of the slip ratio from `creep`."""
+        """Largest plausible difference between the slip ratio in free rolling and `creep`."""
         least = max(_LEAST_SLIP, _LEAST_OF_PEAK * self.peak_slip)
         return max(rolling.critical_value * rolling.slip_error + abs(self.creep(rolling)), least)
 
@@ -249,7 +254,7 @@ def is_wrong_wheel(rolling: Rolling | None) -> bool:
 
 
 def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]:
-    """Findings if slip or torque are not zero in free rolling."""
+    """Yield findings if slip or torque in free rolling are too large."""
     if rolling is None:
         return
     if abs(rolling.slip - known.creep(rolling)) > known.tolerance(rolling):
@@ -291,7 +296,7 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
 
 
 def _is_ratio(ratio: float, factor: float) -> bool:
-    """True if a ratio is close to a factor or to its inverse."""
+    """True if `ratio` is close to `factor` or to 1/`factor`."""
     return min(abs(ratio * factor - 1.0), abs(ratio / factor - 1.0)) < _EQUAL
 
 
@@ -314,9 +319,9 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 
 def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
-    """Suggest a unit that would make an adhesion coefficient plausible; empty if no unit does.
+    """Suggest a unit of torque or load that would make the adhesion coefficient `mu` plausible; empty if none does.
 
-    `factors` are the SI values of the units in which the columns are read, by quantity.
+    `factors` has, for each quantity, the SI value of the unit in which its column is read.
     """
     hints, other = [], math.nan
     for quantity, units in _UNITS.items():
@@ -330,12 +335,15 @@ def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
 
 
 def units_or(mu: float, factors: Mapping[str, float]) -> str:
-    """Return `unit_hint`, or general advice if the hint is empty."""
+    """Return the result of `unit_hint`, or general advice if this result is empty."""
     return unit_hint(mu, factors) or message("check the units")
 
 
 def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Finding]:
-    """Finding if the highest mean mu of a bin is implausible for steel on steel; `factors` as in `unit_hint`."""
+    """Yield a finding if the highest `mean_mu` of all bins is implausible for steel on steel.
+
+    `factors` is as in `unit_hint`.
+    """
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
         yield Finding("adhesion", message("highest mean mu", mu=highest, **MU_RANGE, cause=units_or(highest, factors)))
@@ -351,17 +359,18 @@ _PULL_RANGE = (0.02, 1.0)  # highest brake torque over wheel load times radius; 
 
 
 def _speed_lost(record: BrakedRows) -> float:
-    """Total speed that the train loses in the runs, m/s; NaN if this loss is too small for a check."""
+    """Sum of the speeds that the train loses in the runs under brake, m/s; NaN if it is too small for a check."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
     return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
 
 
 def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
-    """Measured deceleration of the train over the deceleration expected from the wheel's adhesion and the resistance.
+    """Ratio of the train's measured deceleration to that expected from the wheel's adhesion and the resistance.
 
-    It is computed from the momentum of the wheel, (3), and of the train, (4) in [Park2008], over each run. NaN if the
-    train hardly slows down, or if the expected deceleration is not positive.
+    The adhesion is computed from the wheel's equation of motion, (3) of [Park2008], integrated over the runs. The
+    expected deceleration follows from this adhesion by the train's equation of motion, (4). NaN if the train hardly
+    slows down, or if the expected deceleration is not positive.
     """
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]
@@ -374,15 +383,15 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
 
 
 def deceleration_differs(ratio: float) -> bool:
-    """True if a ratio of decelerations is not plausible; False if it is NaN."""
+    """True if the result of `deceleration_ratio` is not plausible; False if it is NaN."""
     return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
 
 
 def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, unit: float) -> str | None:
-    """Message if the deceleration indicates that the unit of the log's time is not `unit`, s, as assumed; else None.
+    """Message if the time of the log seems to have another unit than assumed; else None.
 
-    Compares the speed lost in the runs under brake with the speed loss expected from brake torque and mass, per wheel.
-    `highest_pull` as in `Survey`.
+    `unit` is the assumed unit in s. The speed that the train loses in the runs under brake is compared with the loss
+    expected from the brake torque of one wheel and its share of the mass. `highest_pull` is as in `Survey`.
     """
     if not len(record) or not _PULL_RANGE[0] < highest_pull < _PULL_RANGE[1]:
         return None
@@ -403,11 +412,11 @@ _OTHER_SPEED = 0.02  # plausible relative difference of a wheel's two speeds; we
 _COARSE = 0.005  # in slip ratio or mu, as the lowest slip used (`SLIP_RANGE`); a smaller step does not matter
 
 LOADS_DIFFER = 1.05
-"""Ratio beyond which mean wheel loads count as different; the fitted forces then differ by 5 % too."""
+"""Ratio of two mean wheel loads above which the loads count as different; fitted forces then differ by 5 %, too."""
 
 
 def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
-    """Findings if the wheel load differs between runs, or from the vehicle's wheel load `of_vehicle`, N."""
+    """Yield findings if the wheel load differs from run to run, or from the vehicle's wheel load `of_vehicle`, N."""
     if not len(record):
         return
     run = record.run.astype(np.int64)
@@ -422,7 +431,10 @@ def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
 
 
 class WheelSpeeds:
-    """Compares the two logged speeds of a wheel by the slope of a least-squares line through 0 over all rows."""
+    """Compares the two speeds of the wheel in a log that has both wheel speed and angular speed.
+
+    Their ratio is the slope of a least-squares line through 0 over all rows.
+    """
 
     def __init__(self) -> None:
         self._product = self._square = 0.0
@@ -435,7 +447,7 @@ class WheelSpeeds:
             self._square += float(angular @ angular)
 
     def findings(self, radius: float) -> Iterator[Finding]:
-        """Finding if the two speeds disagree for a wheel of this radius, m."""
+        """Yield a finding if the two speeds disagree for a wheel of this radius, m."""
         ratio = self._product / (radius * self._square) if self._square > 0.0 else math.nan
         if abs(ratio - 1.0) > _OTHER_SPEED:
             yield Finding("wheel speeds", message("two wheel speeds", ratio=ratio))
@@ -443,9 +455,10 @@ class WheelSpeeds:
 
 @dataclass(frozen=True)
 class ColumnStep:
-    """Resolution of a quantised column: its header `label`, and its `step` in the file's unit.
+    """Quantisation `step` of a column, in the unit of the file; `label` is the header of the column.
 
-    `share` is the step converted to a slip ratio at the initial speed, or to mu if the column is a torque.
+    `share` is the change of the slip ratio by one step at the initial speed, or the change of mu if the column is the
+    torque.
     """
 
     label: str
@@ -455,7 +468,7 @@ class ColumnStep:
 
     @property
     def matters(self) -> bool:
-        """True if the step is coarse for the fits: 0.005 of slip or of mu, or more."""
+        """True if the step is coarse for the fits: it changes the slip ratio or mu by 0.005 or more."""
         return self.share >= _COARSE
 
     def __str__(self) -> str:
@@ -466,11 +479,11 @@ class ColumnStep:
 def column_steps(
     resolution: Resolution, columns: Mapping[str, Column], radius: float, speed: float, load: float
 ) -> tuple[ColumnStep, ...]:
-    """Quantisation step of each quantised column of a log, also converted to a slip ratio or to mu.
+    """Quantisation step of each quantised column of a log, also as a change of slip ratio or of mu.
 
     - resolution: quantisation steps of the quantities, SI.
-    - columns: columns of the file, by quantity; a quantity that is not in `columns` is in SI.
-    - radius, speed, load: wheel radius, m, initial speed, m/s, and wheel load, N, for the conversion.
+    - columns: columns of the file, by quantity; values of a quantity that is not in `columns` are in SI.
+    - radius, speed, load: wheel radius, m, initial speed, m/s, and wheel load, N, for the changes of slip and mu.
     """
     shares = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
     steps = []
@@ -488,7 +501,7 @@ _LEAST_LOST = 0.01  # a smaller share of the braking rows lost to settling is no
 
 
 def survey_findings(survey: Survey) -> Iterator[Finding]:
-    """Findings on impossible rows, gaps, unused braking rows, and different initial speeds."""
+    """Yield findings on impossible rows, gaps, unused braking rows and different initial speeds."""
     if survey.implausible:
         yield Finding("rows", message("impossible rows", survey=survey))
     if survey.bridged:

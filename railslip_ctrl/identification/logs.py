@@ -1,13 +1,15 @@
-"""Read a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
+"""Read a log, a CSV file with a header, in blocks of lines; memory does not grow with the size of the file.
 
 A header cell is a name of `NAMES`, with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "time_ms". Case,
 spaces, underscores and hyphens are ignored. If a cell has several brackets, the last one with a unit of the quantity is
-used; if none has a unit, the cell is refused. A column without a unit is in SI. The unit decides whether `n` is the
-angular speed or the wheel load; without a unit it is the load. A wheel speed in rad/s, rpm or the like is an angular
-speed. Time, train speed, brake torque and one of the two wheel speeds are required; other columns are ignored.
+used; if none has a unit, the cell is refused. A column without a unit is in SI. A column with the name `n` is the
+angular speed or the wheel load, depending on its unit; without a unit it is the load. A wheel speed in a unit of
+angular speed (rad/s, rpm) is read as angular speed. Time, train speed, brake torque and one of the two wheel speeds are
+required; other columns are ignored.
 
-The header is the first line that names the required columns. If the log begins with numbers, the header is the last
-comment line (#) above them that names the columns, as NumPy writes it. A line of units may follow the header.
+The header is the first line that names the required columns. If the first line that is not a comment has numbers, the
+header is the last comment line (#) above it that names the columns; NumPy writes such files. A line of units may follow
+the header.
 
 Every row keeps its line number. Lines that cannot be read (cut off, or with text instead of numbers) are left out and
 reported. A last line without a line end counts as cut off if cells are missing. An empty optional column is ignored.
@@ -48,7 +50,7 @@ Lines = Integers
 BLOCK_BYTES = 4 << 20  #: bytes read at a time; a block and its numbers take about 30 MB of memory
 
 LONGEST_LINE = 1 << 20
-"""Longest line, bytes; a longer line is left out, to bound the memory for a file without line ends."""
+"""Length of the longest line that is read, bytes; it bounds the memory for a file without line ends."""
 
 STANDARD_INPUT = "-"  #: path that means standard input
 
@@ -68,7 +70,10 @@ _SUFFIXES = frozenset(name.lower() for name in TRADE_UNITS)  # units accepted wi
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a quantity in a log: its index from 0, its header cell, and the SI value of its unit (`factor`)."""
+    """Column of a quantity in a log: its index from 0, its header cell, and the SI value of its unit (`factor`).
+
+    If the unit is not given (`unit_given` false), the column is read in SI.
+    """
 
     quantity: str
     factor: float
@@ -80,11 +85,12 @@ class Column:
 def find_columns(
     header: Sequence[str], columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
 ) -> dict[str, Column]:
-    """Find the columns of a header; returned by quantity, in the order of `UNITS`.
+    """Find the column of each quantity in a header; the result has the quantities as keys, in the order of `UNITS`.
 
-    `columns` gives a quantity's header cell if it is not in `NAMES`, or its position from 1. `units` overrides the
-    units of the header; a column without any unit is in SI. InputError for an unknown quantity, an unknown or ambiguous
-    header, a missing column, or a unit of another dimension.
+    `columns` maps a quantity to its header cell, if this cell is not in `NAMES`, or to the position of its column,
+    counted from 1. `units` maps a quantity to its unit and overrides the unit in the header; a column without any unit
+    is in SI. InputError for an unknown quantity, an unknown or ambiguous header, a missing column, or a unit that does
+    not suit the quantity.
     """
     columns, units = columns or {}, units or {}
     for option, given in (("`columns`", columns), ("`units`", units)):
@@ -114,7 +120,7 @@ def find_columns(
 
 @cache
 def is_unit(text: str, quantity: str) -> bool:
-    """True if a text is a unit of a quantity; `wheel_speed` accepts units of an angular speed too."""
+    """True if `text` is a unit of the `quantity`; units of an angular speed are also units of `wheel_speed`."""
     with suppress(InputError):
         return bool(_unit(text, quantity))
     return False
@@ -167,7 +173,7 @@ def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
 
 
 def _unit(text: str, quantity: str) -> tuple[str, float]:
-    """Quantity and SI value of a unit; a wheel speed in a unit of angular speed is a `wheel_angular_speed`."""
+    """Quantity and SI value of a unit; a `wheel_speed` in a unit of angular speed becomes a `wheel_angular_speed`."""
     if quantity == "wheel_speed":
         with suppress(InputError):
             return quantity, factor(text, UNITS[quantity])
@@ -182,7 +188,7 @@ def _split(cell: str) -> tuple[str, list[str]]:
 
 
 def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
-    """Yield splits of a header cell without brackets into name and unit: v_kmh, v_m_s, "Tb kN m", v_ms (for m/s)."""
+    """Yield the ways to split a header cell without brackets into name and unit: v_kmh, "Tb kN m", v_ms (for m/s)."""
     pieces = re.split(r"[\s_,:]+", cell.strip())
     for count, sign in ((1, ""), (2, "/"), (2, " ")):
         name, text = " ".join(pieces[:-count]).rstrip(" /"), sign.join(pieces[-count:])
@@ -193,7 +199,7 @@ def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
 
 
 def _names(cell: str, quantity: str) -> set[str]:
-    """Names that a header cell gives to a column of a quantity: the whole cell, and the cell without its unit."""
+    """Names by which a header cell can be the column of a quantity: the whole cell, and the cell without its unit."""
     name, texts = _split(cell)
     if _plain(name) == "n" and not (any(is_unit(t, quantity) for t in texts) if texts else quantity == "wheel_load"):
         return set()  # n may be the angular speed or the load; for example n [1/min] is not the load
@@ -226,7 +232,7 @@ _ALL_NAMES = frozenset(_plain(name) for names in NAMES.values() for name in name
 
 @dataclass(frozen=True)
 class Header:
-    """Format of the rows, from the header; `next_line` is the number of the first line after header and units."""
+    """Format of the rows, as read from the header; `next_line` is the number of the line after header and units."""
 
     cells: tuple[str, ...]
     columns: dict[str, Column]
@@ -238,7 +244,7 @@ class Header:
 def read_header(
     file: LogFile, columns: Mapping[str, str] | None, units: Mapping[str, str] | None, skip_lines: int
 ) -> Header:
-    """Read the header of a log; the file then continues with the rows. Arguments as in `Log`."""
+    """Read the header of a log; `file.read` then returns the rows. The other arguments are as in `Log`."""
     lines = file.first_lines()
     if b"\0" in lines[0]:
         raise InputError(f"{file.name}: not a text file in UTF-8 or Latin-1; save it as CSV in UTF-8")
@@ -270,7 +276,10 @@ def read_header(
 
 
 def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] | None:
-    """Split a record; return (cells, number of its lines), or None if the quotation marks are invalid."""
+    """Split the first record of `lines`; return its cells and its number of lines.
+
+    A cell in quotation marks may span several lines. None if the quotation marks are invalid.
+    """
     if separator == BLANKS:
         return _WORDS.split(next(iter(lines)).strip()), 1
     reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, strict=True)
@@ -290,7 +299,7 @@ def number_in(cell: str, decimal: str) -> float | None:
 
 
 def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[list[str], str, int]]:
-    """Yield the ways to split a line as a header: (cells, separator of the rows, index of the next line)."""
+    """Yield each way to read the line `at` as a header: (cells, separator of the rows, index of the next line)."""
     comment, text = _is_comment(lines[at]), _decoded(lines[at]).strip("# \t")
     for separator in [s for s in _SEPARATORS if s in text or '"' in text] or [BLANKS]:
         split = split_cells([text] if comment else map(_decoded, itertools.islice(lines, at, None)), separator)
@@ -302,7 +311,7 @@ def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[
 def _with_units_below(
     cells: list[str], lines: Sequence[bytes], end: int, first_row: int, find: Callable[[list[str]], dict[str, Column]]
 ) -> tuple[dict[str, Column], int]:
-    """Columns of a header, with units from the line below if it has units, and the index of the next line."""
+    """Return the columns of a header and the index of the line after it; a line of units belongs to the header."""
     by_quantity = find(cells)
     at = next((i for i in range(end, len(lines)) if lines[i].strip(_BLANK)), end)
     for row, _, after in _records(lines, at, first_row) if at < len(lines) else ():
@@ -357,10 +366,11 @@ _OTHER_FORMATS = {
 
 
 class LogFile:
-    """Reader of a log's bytes, once from the beginning; a gzipped file is unpacked.
+    """Reads the bytes of a log once, from the beginning; a gzipped file is unpacked.
 
     `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is missing, not regular, unreadable or not
-    a text file. `damage` is the reason why a gzipped file ends early. `ahead` has bytes that `read` returns first.
+    a text file. `damage` says why a gzipped file ends early, empty otherwise. `read` first returns the bytes in
+    `ahead`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -371,7 +381,7 @@ class LogFile:
         self._returns = False  # lines end in carriage returns alone
         self._position = 0
         if standard and sys.stdin is None:
-            raise InputError(f"{self.name}: is closed; give a CSV file, or pipe one in")
+            raise InputError(f"{self.name} is closed; give a CSV file, or pipe one in")
         opened = io.FileIO(sys.stdin.fileno(), closefd=False) if standard else self._regular(path)
         self._raw = io.BufferedReader(opened)
         self._size = 0 if standard else os.fstat(self._raw.fileno()).st_size
@@ -388,7 +398,7 @@ class LogFile:
             raise
 
     def _regular(self, path: Path) -> io.FileIO:
-        """Open a regular file; others are refused, because reading a pipe may block."""
+        """Open a regular file; files of other kinds are refused, because reading a pipe may block."""
         try:
             mode = path.stat().st_mode
             if stat.S_ISREG(mode):
@@ -469,7 +479,7 @@ _OUTER_TABS = re.compile(rb"^\t|\t$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a log, SI: their line numbers in the file, from 1, and the columns by quantity."""
+    """Rows of a log: `line` has their line numbers in the file, from 1, `columns` the values by quantity, SI."""
 
     line: Lines
     columns: dict[str, Floats]
@@ -492,7 +502,7 @@ class Rows:
 
 @dataclass
 class Broken:
-    """Unreadable lines: their count, the number of the last line, and the first lines with the reasons."""
+    """Unreadable lines: how many, the line number of the last, and line numbers and reasons of the first (`named`)."""
 
     count: int = 0
     last: int = 0
@@ -511,17 +521,17 @@ class Broken:
 
 
 class Log:
-    """Reader of a log, once from the beginning.
+    """Reads the rows of a log once, from the beginning.
 
     - path: a CSV file in UTF-8 or Latin-1, gzipped or not, or `-` for standard input. Cells are separated by commas,
       semicolons, tabs, bars or blanks. The decimal mark is the point or the comma, whichever is more frequent in the
-    columns read.
+      columns that are read.
     - columns, units: as in `find_columns`.
     - skip_lines: number of lines to skip before the header.
-    - block_bytes: bytes read at a time.
+    - block_bytes: number of bytes that are read at a time.
 
-    InputError for a missing or empty file, or an invalid header, column or unit; while reading, for a file without
-    rows, with an implausible speed, or with thousands separators.
+    InputError for a missing or empty file, or an invalid header, column or unit. `rows` raises InputError for a file
+    without rows, for implausible speeds, or if many lines have thousands separators.
     """
 
     def __init__(
@@ -584,7 +594,7 @@ class Log:
             raise InputError(f"{self.name}: {self._grouped} lines have thousands separators; remove them")
 
     def refused(self, error: InputError) -> InputError:
-        """Extend an error about a log by its unreadable lines if they may be the cause, and by the notes."""
+        """Return the error with the notes added, and with the unreadable lines if these may be the cause."""
         count, lines, text = self.broken.count, self.broken.count + self._kept, str(error)
         if self._kept and count > _UNREAD * lines:
             unread = f"{self.name}: {count} of {lines} lines could not be read, first {self.broken.first[0]}"
@@ -621,19 +631,19 @@ class Log:
                 yield line, last
 
     def _after_the_line(self) -> bytes:
-        """Skip the rest of the current line; return the bytes read beyond it, empty at the end of the file."""
+        """Skip the rest of the current line; return the bytes already read of the next lines, empty at the end."""
         while read := self._file.read(self._block_bytes):
             if cut := read.find(b"\n") + 1:
                 return read[cut:]
         return b""
 
     def _plain(self, block: bytes) -> bytes:
-        """Normalise line ends to line feeds, and separating blanks to single tabs."""
+        """Replace line ends by line feeds, and blanks that separate cells by single tabs."""
         block = block.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n")  # \r\r\n: line ends converted twice
         return _OUTER_TABS.sub(b"", _BLANKS.sub(b"\t", block)) if self._header.separator == BLANKS else block
 
     def _after_first_rows(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
-        """Yield the blocks, after detecting decimal mark and empty columns in the first rows."""
+        """Detect the decimal mark and empty columns in the first rows; then yield all blocks."""
         buffered: list[tuple[int, bytes]] = []
         ends = size = 0
         while ends < _FIRST_ROWS and size < BLOCK_BYTES and (more := next(blocks, None)):
@@ -663,7 +673,7 @@ class Log:
     # --- from lines to numbers --------------------------------------------------------------------------------------
 
     def _parsed(self, first: int, block: bytes) -> Rows:
-        """Parse a block of whole lines into rows; other lines are recorded in `broken`."""
+        """Parse a block of whole lines into rows; unreadable lines are recorded in `broken`."""
         self._count = self._count or self._usual_count(block)
         number = np.arange(first, first + block.count(b"\n"))
         if not self._decimal and (b'"' if self._separator == "," else b",") in block:
@@ -689,9 +699,10 @@ class Log:
         return Rows(number, values).where(possible)
 
     def _usual_count(self, block: bytes) -> int:
-        """Usual number of cells of a row in the first block; 0 if it has no rows.
+        """Most frequent number of cells of a row in the first block; 0 if the block has no rows.
 
-        It is the header's number of cells, plus one if rows end in a separator, minus empty cells at the header's end.
+        Rows may have a cell more than the header if they end in a separator. They may lack cells that are empty at the
+        end of the header. Other numbers of cells do not count.
         """
         lines = block.split(b"\n", _FIRST_ROWS)[:-1]
         most, separator = len(self._header.cells), self._separator.encode()
@@ -701,9 +712,10 @@ class Log:
         return usual[0] if usual else 0
 
     def _numbers(self, number: Lines, text: bytes) -> tuple[Lines, Floats]:
-        """Parse lines: (numbers of the lines that are rows, values (rows, columns) in the file's units).
+        """Return the numbers of those lines of `text` that are rows, and their values (rows, columns) in file units.
 
-        If a cell is not a number, the lines are parsed in pieces, and the piece with that cell line by line.
+        If a cell is not a number, the lines are parsed again in pieces; the piece with this cell is parsed line by
+        line.
         """
         if not self._is_regular(text):
             lines, kept = text.split(b"\n"), []
@@ -771,7 +783,7 @@ class Log:
         return split and split[0]
 
     def _fault(self, line: bytes) -> str:
-        """Describe the fault of a line; empty if it has the usual number of cells."""
+        """Describe the fault of a line; empty if the line has the usual number of cells and no invalid characters."""
         if _CONTROL.search(line):
             nulls = line.count(b"\0")  # a power cut during recording leaves null bytes
             if nulls < 2:

@@ -9,7 +9,7 @@ from railslip_ctrl.core.templates import texts
 
 
 def message(name: str, /, **numbers: Any) -> str:
-    """Return the message with the key `name` of `messages.toml`, formatted by `str.format` with the numbers."""
+    """Return the message that has the key `name` in `messages.toml`, with `numbers` inserted by `str.format`."""
     return _sentence(name).format(**numbers)
 
 

@@ -1,13 +1,14 @@
 """The models that can be fitted: law, free parameters, starting values and bounds of each model.
 
-"bristle" is first fitted to the force that builds up along steady slip ramps like those of the log ([Park2008] Fig.
-17), then to the motion (`prediction`); only the motion determines alpha. "bristle_rest" and "lugre" are fitted with
-their steady state, over the sliding regime only. Parameters that a steady state does not determine keep a preset value.
+The model "bristle" is fitted twice. The first fit, to the measured curve, uses the force that the bristles build up
+while the slip velocity rises at a constant rate ([Park2008] Fig. 17), as on the log's slip ramps. The second fit is to
+the wheel's motion (`prediction`); only the motion determines alpha. "bristle_rest" and "lugre" are fitted with their
+steady-state force, and only to the sliding regime. Parameters without effect on this force keep a preset value.
 
-`Coordinates` are chosen such that a model's force is nearly linear in them. Most parameters are their own coordinate.
-The steady force of the bristles is (gamma - |sigma|)/beta. If a log hardly shows the fall of this force, beta and gamma
-could grow together without bound. Their coordinates are therefore the level gamma/beta, which every log determines, and
-1/gamma, which is 0 if the force does not fall. If gamma is given, the coordinate of beta is 1/beta.
+The search uses `Coordinates` in which the force of a model is nearly linear. For most parameters the coordinate is the
+parameter itself. The steady-state force of the bristles is (gamma - |sigma|)/beta. If a log hardly shows that this
+force falls, beta and gamma could grow together without bound. Their coordinates are therefore gamma/beta, which every
+log determines, and 1/gamma, which is 0 if the force does not fall. If gamma is given, the coordinate of beta is 1/beta.
 """
 
 from __future__ import annotations
@@ -48,11 +49,12 @@ _SMALLEST = 1e-9  # least size of a coordinate, absolute
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Search coordinates x of the free parameters, with their bounds; arrays of one length.
+    """Search coordinates of the free parameters: their bounds, and the conversion from and to parameter values.
 
-    `least` and `most` are bounds of the values, `typical` values of usual size, `lower` and `upper` bounds of the
-    coordinates. `pair` are the indices of beta and gamma if both are free and beta is only bounded by 0; `inverse` is
-    the index of beta if gamma is given.
+    The arrays have one entry for each parameter: `least` and `most` are the bounds of its value, `typical` is a value
+    of usual size, `lower` and `upper` are the bounds of its coordinate. `pair` has the indices of beta and gamma if
+    both are free and the only bound of beta is 0; their coordinates are then gamma/beta and 1/gamma. `inverse` is the
+    index of beta if gamma is not free; its coordinate is then 1/beta. `pair` and `inverse` are None otherwise.
     """
 
     names: tuple[str, ...]
@@ -66,7 +68,7 @@ class Coordinates:
 
     @classmethod
     def of(cls, names: tuple[str, ...], least: Floats, most: Floats, typical: Floats) -> Coordinates:
-        """Coordinates for free parameters within bounds."""
+        """Choose the coordinates of the free parameters `names`, whose values are between `least` and `most`."""
         low, high, ends = least.copy(), most.copy(), (least, most)
         b = names.index("beta") if "beta" in names else None
         if b is None:
@@ -88,7 +90,7 @@ class Coordinates:
         return Coordinates.of(names, self.least[others], self.most[others], self.typical[others])
 
     def at(self, values: Floats) -> Floats:
-        """Convert values to coordinates."""
+        """Convert parameter values to coordinates."""
         x = np.array(values, dtype=float)
         if self.pair is not None:
             b, g = self.pair
@@ -98,7 +100,7 @@ class Coordinates:
         return x
 
     def values(self, x: Floats) -> Floats:
-        """Convert coordinates to values."""
+        """Convert coordinates to parameter values."""
         values = np.array(x, dtype=float)
         if self.pair is not None:
             b, g = self.pair
@@ -108,7 +110,7 @@ class Coordinates:
         return values
 
     def slopes(self, x: Floats) -> Floats:
-        """Derivatives of the values by the coordinates, (values, coordinates)."""
+        """Derivatives of the parameter values with respect to the coordinates, (values, coordinates)."""
         result, values = np.eye(len(x)), self.values(x)
         if self.pair is not None:
             b, g = self.pair
@@ -119,12 +121,15 @@ class Coordinates:
         return result
 
     def sizes(self, x: Floats) -> Floats:
-        """Scale of each coordinate: its magnitude, with a lower limit."""
+        """Size of each coordinate: its magnitude, or a lower limit if the magnitude is smaller."""
         result: Floats = np.maximum(np.abs(x), _SMALL * np.abs(self.at(self.typical)))
         return np.maximum(result, _SMALLEST)
 
     def inside(self, x: Floats, margin: float) -> Floats:
-        """Move x off its bounds by `margin` times `sizes`, because a search hardly leaves a bound where it starts."""
+        """Move the coordinates x away from their bounds, to a distance of `margin` times `sizes`.
+
+        A search that starts on a bound hardly leaves it.
+        """
         off = margin * self.sizes(x)
         low, high = self.lower + off, self.upper - off
         return np.where(low < high, np.clip(x, low, np.maximum(low, high)), np.clip(x, self.lower, self.upper))
@@ -132,21 +137,21 @@ class Coordinates:
     # --- single parameters ------------------------------------------------------------------------------------------
 
     def by_inverse(self, index: int) -> bool:
-        """True if a parameter is represented by its inverse, which maps infinity to 0."""
+        """True if the parameter `index` is represented by 1/value, which is 0 for an infinite value."""
         return index == self.inverse or (self.pair is not None and index in self.pair)
 
     def represented(self, index: int, value: float) -> float:
-        """Represent a parameter's value by its inverse or by itself; applied twice, this returns the value."""
+        """Return 1/`value` if the parameter is represented by its inverse, else `value`; a second call undoes it."""
         return 1.0 / value if self.by_inverse(index) else value
 
     def range_of(self, index: int, x: Floats) -> tuple[float, float]:
-        """Bounds of a parameter at coordinates x, or of its inverse if that represents the parameter."""
+        """Bounds of a parameter, or of its inverse if that represents it, when the search is at coordinates x."""
         if self.pair is not None and index == self.pair[0]:
             return float(x[index] * self.lower[self.pair[1]]), float(1.0 / self.least[index])
         return float(self.lower[index]), float(self.upper[index])
 
     def moved(self, values: Floats, index: int, value: float) -> Floats:
-        """Values with the value at `index` changed; if beta and gamma are a `pair`, both change by the same factor."""
+        """Return `values` with the one at `index` set to `value`; the other one of a `pair` gets the same factor."""
         result = values.copy()
         if self.pair is not None and index in self.pair:
             other = self.pair[1 - self.pair.index(index)]
@@ -174,8 +179,9 @@ _LAW_POINTS = 8  # points of the lookup table for each knot; its monotone cubics
 class Setting:
     """Known quantities of a fit: wheel load, N, initial speed v0, m/s, rail, and the user's settings, SI.
 
-    `slip_acceleration` is R of the log's slip ramps, m/s^2, None if the log has no ramps; `acceleration_spread` is its
-    standard deviation from run to run. `given_acceleration` is R as given by the user.
+    `slip_acceleration` is R measured on the log's slip ramps, m/s^2, None if the log has no ramps.
+    `acceleration_spread` is the standard deviation of R from run to run, None if it is not known. `given_acceleration`
+    is R as given by the user, or None.
     """
 
     wheel_load: float
@@ -190,7 +196,11 @@ class Setting:
 
 @dataclass(frozen=True)
 class Shape:
-    """Features of the measured curve, for starting values: initial slope, peak, end, and mean speed, m/s."""
+    """Features of the measured curve, from which the starting values of the fits are computed.
+
+    `slope` is dmu/dslip at low slip. mu is `peak` at the slip ratio `peak_slip`, and `end` near the largest slip,
+    `end_slip`. `speed` is the mean train speed, m/s.
+    """
 
     slope: float
     peak_slip: float
@@ -204,8 +214,9 @@ class Shape:
 class FitModel:
     """A model to be fitted: `names` are the free parameters, `known` the values of the other parameters.
 
-    The fit returns a `law`. `force_law` is the law whose steady force is fitted; it differs from `law` if the force
-    along a ramp is fitted. `starts` are the starting values, (starts, names).
+    `law` is the class of the fitted adhesion law, `force_law` the class whose force is fitted to the measured curve.
+    They differ only for "bristle", whose force along a slip ramp is given by the law `curve`. Each row of `starts`,
+    (starts, names), has one set of starting values; `lower` and `upper` are the bounds of the values.
     """
 
     name: str
@@ -219,7 +230,10 @@ class FitModel:
     notes: tuple[str, ...] = ()
 
     def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:
-        """mu for parameter values, at slip ratios, speeds and wheel loads of one shape; 0 outside the law's domain."""
+        """mu of the model with the parameter `values`; 0 outside the domain of its law.
+
+        Slip ratios, speeds, m/s, and wheel loads, N, are arrays of one shape.
+        """
         if self.name == "table":
             return np.asarray(spline(self.knots, values)(np.clip(slip, 0.0, self.knots[-1])))
         functions = numeric_plant(self.force_law)
@@ -238,16 +252,16 @@ class FitModel:
         return Coordinates.of(self.names, self.lower, self.upper, typical)
 
     def unit(self, name: str) -> str:
-        """SI unit of a parameter of the law that is fitted; "1" for a table's values."""
+        """SI unit of the parameter `name`; "1" for the values of a table."""
         return self.force_law.units().get(name, "1")
 
     @property
     def knots(self) -> Floats:
-        """Slip ratios of a table's values."""
+        """Slip ratios of the knots of a table."""
         return np.array(self.known["slip"])
 
     def with_knots(self, kept: Sequence[int]) -> FitModel:
-        """Return the table with only the knots of these indices."""
+        """Return the table with only those knots whose indices are in `kept`."""
         return replace(
             self,
             names=tuple(self.names[i] for i in kept),
@@ -262,11 +276,11 @@ class FitModel:
         return tuple(float(given[name]) for name in self.force_law.parameter_names())
 
     def make(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """Make the law with these parameters."""
+        """Return the adhesion law with the parameter `values`."""
         return self._made(self.law, values, rail)
 
     def make_force_law(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """Make the law whose force was fitted, with these parameters; its peak is the peak of the measured curve."""
+        """Return the law `force_law` with the parameter `values`; its peak is the peak of the measured curve."""
         return self._made(self.force_law, values, rail)
 
     def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
@@ -287,7 +301,7 @@ def _cardinal_splines(knots: tuple[float, ...]) -> Any:
 
 
 def spline(knots: Floats, values: Floats) -> Callable[[Floats], Floats]:
-    """Cubic spline through (0, 0) and `values` at `knots`; a matrix (knots, k) gives k splines."""
+    """Cubic spline through (0, 0) and through `values` at `knots`; `values` of shape (knots, k) give k splines."""
     from scipy.interpolate import PPoly
 
     each = _cardinal_splines(tuple(knots.tolist()))
@@ -298,7 +312,7 @@ _NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # placeholders for vehicle da
 
 
 def shape_of(cells: Cells, peak_slip: float) -> Shape:
-    """Features of the curve given by the cells, for a given peak slip."""
+    """Features of the measured curve, computed from its cells; `peak_slip` is the slip ratio of the highest mu."""
     order = np.argsort(cells.slip)
     slip, mu, n = cells.slip[order], cells.mu[order], cells.count[order]
     near = np.abs(slip - peak_slip) <= 0.1 * peak_slip
@@ -315,7 +329,7 @@ def shape_of(cells: Cells, peak_slip: float) -> Shape:
 
 
 def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    """Prepare a model for the data of these cells; InputError for an unknown name, or bounds that leave no value."""
+    """Prepare the model `name` for a fit to the cells; InputError for an unknown name, or bounds without a value."""
     check_model(name)
     model = _MODELS[name](cells, shape, setting)
     return _restricted(model, setting)
@@ -432,7 +446,7 @@ def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
 
 
 def _stiffness(setting: Setting) -> float:
-    """Published stiffness of the bristles, N/m, by (30); a steady state does not determine it."""
+    """Published stiffness of the bristles, N/m, by (30) of [Park2008]; it has no effect on a steady-state force."""
     low, high = INITIAL_SPEED_RANGE_KMH
     return published_coefficients(min(max(setting.initial_speed / KMH, low), high), setting.wheel_load)[0]
 
@@ -505,7 +519,7 @@ _MODELS: Mapping[str, Callable[[Cells, Shape, Setting], FitModel]] = MappingProx
 _LAWS = MappingProxyType({name: "bristle" if name == "bristle_rest" else name for name in _MODELS})
 
 SLIDING_ALONE = ("lugre", "bristle_rest")
-"""Models that are fitted to the sliding regime only, without data before the peak."""
+"""Models that are fitted only to the sliding regime, which begins at the slip of the highest measured mu."""
 
 MODELS = tuple(_MODELS)  #: names of the models that can be fitted
 

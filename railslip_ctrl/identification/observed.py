@@ -1,11 +1,12 @@
-"""Adhesion coefficients over slip from the rows of a log, by an observer and a matching filter of the slip.
+"""Compute adhesion coefficients from the rows of a log by an observer, and filter the slip in the same way.
 
-The observed torque is Ta/(tau s + 1), so it is delayed and smoothed. Plotted over the current slip, the curve would be
-shifted by tau times the slip's rate. Slip and its powers therefore pass through the same filter. An observed mu is a
-mean over some slips; the filtered powers are the moments of these slips, which a fit needs (`curves`).
+The observed torque is Ta/(tau s + 1), so it is delayed and smoothed. Plotted over the unfiltered slip, the adhesion
+curve would be shifted by tau times the rate of the slip. The slip and its powers therefore pass through the same
+filter. An observed mu is a mean over the slips of a short time. The filtered powers are the moments of these slips,
+which a fit needs (`curves`).
 
-`BrakedRows` are unfiltered rows for prediction-error fits. Whole runs are kept, from brake application to release.
-While there are more rows than `MOST_ROWS`, every second run is dropped.
+`BrakedRows` are unfiltered rows for prediction-error fits. They contain whole runs, from the application of the brake
+to its release. While there are more rows than `MOST_ROWS`, every second run is dropped.
 """
 
 from __future__ import annotations
@@ -32,14 +33,18 @@ from .observer import FilterObserver, Form, KalmanObserver, ObserverState, Torqu
 
 
 class Channels:
-    """Filters signals as the observer filters Ta: the observer gets each signal as brake torque of a stopped wheel."""
+    """Filters signals in the same way as an observer filters the adhesion torque.
+
+    Each signal is given to the observer as the brake torque of a wheel at standstill; the estimate is the filtered
+    signal.
+    """
 
     def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer
         self._states: list[ObserverState] | None = None
 
     def run(self, time: Floats, channels: Floats) -> Floats:
-        """Filter the next samples (channels, k) at times in s, from a steady state at the first sample."""
+        """Filter the next samples of the signals, (channels, k), at `time`, s; a first call begins in steady state."""
         standstill = np.zeros(len(time))
         before: list[ObserverState] | list[None] = self._states or [None] * len(channels)
         estimates = [self._observer.run(time, u, standstill, x) for u, x in zip(channels, before, strict=True)]
@@ -53,9 +58,10 @@ _RELEASED = 0.1  # relative fall of the torque within a time constant that count
 class Readhesion:
     """Detects readhesion: rows in which the slip falls after the brake is released.
 
-    After a release beyond the peak the slip falls to zero within tenths of a second, and the observer's torque is then
-    a mean over half the curve. These rows are left out, so the adhesion curve is that of growing slip, as in [Park2008]
-    Fig. 13. Torque and slip are filtered twice; a signal falls if the first filter's output is below the second's.
+    After a release beyond the peak the slip falls to zero within tenths of a second. The observer is slower, so that
+    its torque is a mean over a large part of the curve. These rows are left out; the adhesion curve is measured only
+    while the slip grows, as in [Park2008] Fig. 13. To find the rows, slip and torque pass through two equal filters in
+    series. A signal falls if it is lower after the first filter than after the second.
     """
 
     def __init__(self, low_pass: TorqueObserver) -> None:
@@ -63,7 +69,10 @@ class Readhesion:
         self._falls_back = False
 
     def add(self, time: Floats, slip: Floats, torque: Floats) -> Flags:
-        """Mask of the next rows that belong to readhesion; time in s, slip ratio and brake torque in N*m as logged."""
+        """For each of the next rows: True if it belongs to readhesion.
+
+        `time` is in s; the slip ratio and the brake torque, N*m, are unfiltered.
+        """
         now = self._once.run(time, np.stack([slip, torque]))
         fallen = self._twice.run(time, now) - now
         falls = fallen[0] > 0.0
@@ -86,9 +95,10 @@ _LONGEST_RUN = 4096  # rows; longer runs are split, so that one run cannot fill 
 
 @dataclass(frozen=True)
 class BrakedRows:
-    """Rows under brake: time, s, train speed, m/s, omega, rad/s, torque, N*m, load, N, number of the run.
+    """Rows under brake, as arrays of one length.
 
-    Arrays of one length.
+    `time`, s, train `speed`, m/s, `omega` of the wheel, rad/s, brake `torque`, N*m, wheel `load`, N, and number of the
+    `run` to which the row belongs.
     """
 
     time: Floats
@@ -105,7 +115,7 @@ class BrakedRows:
 class Recorder:
     """Records rows under brake that arrive in blocks; the record does not depend on the block size.
 
-    `stride`: every `stride`-th run is kept.
+    One run in every `stride` runs is kept.
     """
 
     def __init__(self, most_rows: int = MOST_ROWS) -> None:
@@ -116,7 +126,10 @@ class Recorder:
         self._last_used = False
 
     def add(self, rows: Floats, used: Flags, apart: Flags) -> None:
-        """Add `rows`, (5, k), the first fields of `BrakedRows`; masks: rows `used`, and rows `apart` after a gap."""
+        """Add `rows`, (5, k): time, speed, omega, torque and load, as in `BrakedRows`.
+
+        `used` is true for rows under brake, `apart` for rows that follow a gap.
+        """
         if not used.any():
             self._last_used = bool(used[-1]) if used.size else self._last_used
             return
@@ -134,7 +147,7 @@ class Recorder:
             self._kept = self._kept[:, self._kept[5] % self.stride == 0]
 
     def record(self) -> BrakedRows:
-        """Return the rows kept so far."""
+        """Return the rows recorded until now."""
         return BrakedRows(*self._kept)
 
 
@@ -151,18 +164,20 @@ _MIXED = 1.25  # ratio of the runs' initial speeds beyond which a single v0 does
 class Survey:
     """Statistics of a log's rows; speeds in m/s, times in s, loads in N.
 
-    - used, runs: number of rows under brake within the range of slip and speed; number of runs, groups of these rows
-      that are separated by the settling time.
-    - lost: rows under brake within the settling time after a gap or the start.
-    - reversed: rows with slip and a brake torque of the wrong sign.
-    - readhesion: rows of readhesion.
-    - backward, forward: rows with a train speed below 0, and above 0.
+    - used: number of rows with an adhesion sample. They are under brake, and their slip and speed are in range.
+    - runs: number of runs. A pause between used rows that is longer than the settling time begins a new run.
+    - lost: number of rows under brake within the settling time after a gap or the start.
+    - reversed: number of rows with slip and a brake torque of the wrong sign.
+    - readhesion: number of rows left out because the slip falls after a release of the brake.
+    - backward, forward: number of rows in which the train runs backward, and forward, at more than 5 km/h.
     - implausible, first_implausible: number of impossible rows, and description of the first.
-    - gaps, gap_count: the first gaps as (line, seconds), and the number of gaps; the observer restarts after each.
-    - bridged, longest_bridged: number of long intervals over which the observer continues, and the longest of them.
-    - initial_speed: highest filtered train speed; slowest_start and fastest_start are the runs' initial speeds.
-    - interval: median interval of the first rows.
-    - highest_pull: highest brake torque over wheel load and radius.
+    - gaps, gap_count: the first gaps as (line, seconds), and the number of gaps; the observer restarts after each gap.
+    - bridged, longest_bridged: number of long intervals between rows over which the observer continues, and the longest
+      of these intervals.
+    - initial_speed: highest filtered train speed.
+    - slowest_start, fastest_start: lowest and highest initial speed of a run.
+    - interval: median interval between the first rows.
+    - highest_pull: highest magnitude of the brake torque, divided by wheel load and radius.
     """
 
     rows: int = 0
@@ -193,12 +208,12 @@ class Survey:
 
     @property
     def lost_share(self) -> float:
-        """Share of the rows under brake that is lost to settling."""
+        """Share of the rows under brake that is not used, because the observer still settles."""
         return self.lost / max(self.lost + self.used, 1)
 
     @property
     def is_mixed(self) -> bool:
-        """True if the initial speeds of the runs differ too much for one v0."""
+        """True if the initial speeds of the runs differ too much to be described by one v0."""
         return self.slowest_start * _MIXED < self.fastest_start
 
 
@@ -212,7 +227,7 @@ DEFAULT_TIME_CONSTANT = 0.05  #: tau of the observer, s, if the log is sampled f
 INTERVALS_PER_TIME_CONSTANT = 5.0  #: least default tau, in intervals of the log
 
 SLIP_RANGE = (0.005, 0.98)
-"""Slip ratios used: below them noise of the speeds dominates; above them the wheel is locked and its torque unknown."""
+"""Range of slip ratios used. Below it noise of the speeds dominates; above it the wheel is locked."""
 
 _GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap if it is not bridged
 
@@ -247,9 +262,10 @@ class Observer(StrEnum):
 
 @dataclass(frozen=True)
 class Observed:
-    """Samples of adhesion over slip, SI, arrays of one length; all except the time pass the observer's filter.
+    """Samples of adhesion over slip, SI, arrays of one length; all except `time` pass through the observer's filter.
 
-    `slip2`, `slip3` and `slip_speed` are the filtered square and cube of the slip, and slip times train speed.
+    `slip2` is the filtered square of the slip, `slip3` the filtered cube, `slip_speed` the filtered product of slip and
+    train speed.
     """
 
     time: Floats
@@ -271,8 +287,9 @@ class Observed:
 class AdhesionStream:
     """Computes adhesion samples of a log that arrives in blocks of rows.
 
-    The vehicle gives the wheel, and the wheel load if the log has none. The `time_constant` tau, s, is by default the
-    larger of 0.05 s and five intervals of the log. `add` raises InputError for a tau not above 0.
+    The data of the wheel come from `vehicle`, and also the wheel load if the log has none. `time_constant` is tau of
+    the `observer`, s; None: 0.05 s, or five intervals between rows if that is longer. `add` raises InputError if tau is
+    not above 0.
     """
 
     def __init__(
@@ -292,11 +309,11 @@ class AdhesionStream:
 
     @property
     def time_constant(self) -> float:
-        """Time constant tau of the observer, s; NaN before the first rows unless it is given."""
+        """Time constant tau of the observer, s; NaN if it was not given and no rows were added."""
         return math.nan if self._tau is None else self._tau
 
     def _begin(self) -> None:
-        """Set up the observer; the default time constant follows from the first rows."""
+        """Set up the observer; a time constant that was not given is computed from the interval of the first rows."""
         interval = self.survey.interval
         if self._tau is None:
             self._tau = float(np.fmax(DEFAULT_TIME_CONSTANT, INTERVALS_PER_TIME_CONSTANT * interval))
@@ -309,7 +326,7 @@ class AdhesionStream:
             self._observer = KalmanObserver(J, friction, nominal, 1.0, 0.0, nominal * J**2 / tau**4)
 
     def add(self, rows: Rows) -> Observed:
-        """Process the next rows and return their samples."""
+        """Process the next rows and return their adhesion samples."""
         line, signals = self._possible(rows)
         time, v, omega, torque, load = signals
         if not len(time):
@@ -327,7 +344,7 @@ class AdhesionStream:
         return _joined([self._stretch(signals[:, a:b], fresh=bool(apart[a])) for a, b in pieces if b > a])
 
     def check(self, name: str) -> None:
-        """Raise InputError if too many rows were impossible or unusable, as columns or units are then wrong."""
+        """Raise InputError if too many rows were impossible or unusable, which indicates wrong columns or units."""
         survey = self.survey
         if survey.implausible > _TOLERATED_SHARE * (survey.rows + survey.implausible):
             more = f" ({survey.implausible} such rows)" if survey.implausible > 1 else ""
@@ -377,7 +394,7 @@ class AdhesionStream:
         return rows.line[~bad], signals[:, ~bad]
 
     def _braked(self, torque: Floats, load: Floats) -> Flags:
-        """Mask of the rows under brake, by the unfiltered torque."""
+        """For each row: True if it is under brake, decided by the unfiltered torque."""
         return torque > LEAST_PULL * self.vehicle.wheel.radius * load
 
     def _gaps(self, line: Lines, steps: Floats) -> NDArray[np.intp]:
@@ -395,7 +412,7 @@ class AdhesionStream:
         return new
 
     def _stretch(self, signals: Floats, *, fresh: bool) -> Observed:
-        """Samples of rows without a gap between them; `fresh` restarts the filters."""
+        """Return the adhesion samples of rows without a gap between them; if `fresh`, the filters restart."""
         assert self._observer is not None
         time, v, omega, torque, load = signals
         radius, survey, (low, high) = self.vehicle.wheel.radius, self.survey, SLIP_RANGE
@@ -445,10 +462,10 @@ def _joined(parts: list[Observed]) -> Observed:
 
 @dataclass(frozen=True)
 class TimeHistory:
-    """One run under brake over time since the brake was applied, for a picture; SI, arrays of one length.
+    """Signals of one run under brake, for a picture; SI, arrays of one length.
 
-    `wheel_speed` is the speed of the circumference. The adhesion torque comes from the corrected observer; it is NaN
-    while the observer settles.
+    `time` begins at the application of the brake. `wheel_speed` is the speed of the wheel's circumference. The adhesion
+    torque is the estimate of the corrected observer, NaN while the observer settles.
     """
 
     time: Floats
@@ -460,7 +477,10 @@ class TimeHistory:
 
 
 def time_history_of(record: BrakedRows, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
-    """Time history of the longest run of a record, with tau in s; None for an empty record."""
+    """Time history of the longest run of a record; None for an empty record.
+
+    `time_constant` is that of the observer, s.
+    """
     if not len(record):
         return None
     runs, counts = np.unique(record.run, return_counts=True)

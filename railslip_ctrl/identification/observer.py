@@ -1,21 +1,22 @@
-"""Observers of the adhesion torque from sampled signals, models of the sensors, and their noise.
+"""Observers that estimate the adhesion torque Ta from sampled signals, and models of the sensors and their noise.
 
-`FilterObserver` is [Park2008] (27), (28), Fig. 11. Torque and speed are assumed linear between samples; the first-order
-filter then has an exact solution. With h the interval, q = h/tau and u = B omega + Tb, the corrected estimate is
+`FilterObserver` is the observer of [Park2008] (27), (28) and Fig. 11. Torque and speed are assumed linear between
+samples; the first-order filter then has an exact solution. With the interval h between samples, q = h/tau and
+u = B omega + Tb, the corrected estimate y of Ta is
 
     y[k] = exp(-q) y[k-1] + (1 - exp(-q)) J (omega[k] - omega[k-1])/h + w0 u[k-1] + w1 u[k],
     w1 = 1 - (1 - exp(-q))/q,  w0 = 1 - exp(-q) - w1.
 
-In the printed form u is not filtered: w0 = w1 = 0, and Ta_hat = y + u.
+In the form printed in [Park2008] u is not filtered: w0 = w1 = 0, and the estimate is Ta_hat = y + u.
 
 `KalmanObserver` models Ta as a random walk:
 
-    omega' = (-B omega + Ta - Tb)/J + torque error/J,    Ta' = white
+    omega' = (-B omega + Ta - Tb)/J + torque error/J,    Ta' = white noise
 
-The filter has a constant gain ([Astrom1997] 11), from python-control's Riccati solvers. It predicts exactly over each
-interval and corrects with the gain of the nominal interval.
+The filter has a constant gain ([Astrom1997] 11), which python-control's Riccati solvers compute for the nominal
+interval. The prediction from sample to sample is exact for every interval; the correction uses the constant gain.
 
-`SampledForm` is the recursion of an observer at a constant interval. It gives the noise of the estimate.
+`SampledForm` is the recursion of an observer at a constant interval, from which the noise of the estimate is computed.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ class Encoder:
 
     This speed is the mean over the interval, so it is half an interval late. The rounding error of each angle is
     modelled as uniform over one count and independent of the other errors. The model is valid if many counts pass in an
-    interval. `counts` is the number of edges per turn: 4 times the lines of an encoder with two tracks. InputError for
-    fewer than 1.
+    interval. `counts` is the number of counts per turn: 4 times the number of lines of an encoder with two tracks.
+    InputError for fewer than 1.
     """
 
     counts: int
@@ -119,9 +120,10 @@ class TorqueSensor:
 def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Floats:
     """Compute x[k] = transition[k] x[k-1] + forcing[k] for all k, with x[-1] = initial.
 
-    Shapes: `transition` (k, n, n), `forcing` (k, n), `initial` (n,), result (k, n). Blocks of steps are computed in
-    parallel with zero initial state, each with the product of its transitions. A pass over the blocks then adds the
-    effect of their initial states. The method does not divide, so stable transitions give only rounding errors.
+    Shapes: `transition` (k, n, n), `forcing` (k, n), `initial` (n,), result (k, n). The steps are divided into blocks.
+    For all blocks in parallel, the response from a zero initial state and the product of the transitions are computed.
+    A pass over the blocks then adds the effect of their initial states. The method does not divide, so that rounding
+    errors stay small if the transitions are stable.
     """
     rows, n = forcing.shape
     length = max(math.isqrt(rows), 1)
@@ -157,10 +159,10 @@ def mean_phi(q: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class NoiseGains:
-    """Variance of Ta_hat, (N*m)^2, if one measured signal has white noise of variance 1 (SI) on every sample.
+    """Variance of the estimate Ta_hat, (N*m)^2, if one measured signal has white noise of variance 1 (SI).
 
-    `torque` and `speed` name the measured signal with the noise. `angle` is for noise on each angle of an encoder, from
-    whose differences the speed is computed.
+    The noise is on every sample of the measured `torque`, of the measured `speed`, or of the `angle` of an encoder that
+    computes the speed from differences of angles.
     """
 
     torque: float
@@ -172,7 +174,8 @@ class NoiseGains:
 class SampledForm:
     """Recursion of an observer at a constant sampling `interval`, s, with the input u = (Tb, omega).
 
-    x[k] = F x[k-1] + P u[k-1] + Q u[k], Ta_hat = C x + D u. `F` is (n by n), `P` and `Q` (n by 2), `C` (n), `D` (2).
+    The state is x[k] = F x[k-1] + P u[k-1] + Q u[k], the estimate Ta_hat = C x + D u. `F` is (n by n), `P` and `Q`
+    (n by 2), `C` (n), `D` (2).
     """
 
     F: Floats
@@ -183,7 +186,7 @@ class SampledForm:
     interval: float
 
     def noise_gains(self) -> NoiseGains:
-        """Return the squared H2 norms from the noisy signals to Ta_hat, by a Lyapunov equation."""
+        """Return the noise gains, which are squared H2 norms from each signal to Ta_hat, by a Lyapunov equation."""
         at_once = self.C @ self.Q + self.D
         after = self.F @ self.Q + self.P  # the impulse response for k >= 1 is C F^(k-1) after
         torque, speed = (at_once[i] ** 2 + self._energy(after[:, i]) for i in range(2))
@@ -199,7 +202,7 @@ class SampledForm:
 
 
 def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -> float:
-    """Return the standard deviation of Ta_hat, N*m, of an observer `form` with noise of `encoder` and `sensor`."""
+    """Return the standard deviation of Ta_hat, N*m, that noise of `encoder` and `sensor` causes in observer `form`."""
     gains = form.noise_gains()
     return math.sqrt(gains.angle * encoder.angle_variance + gains.torque * sensor.variance)
 
@@ -209,9 +212,9 @@ def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -
 
 @dataclass(frozen=True)
 class ObserverState:
-    """State of an observer after a sample: its `time`, s, and two arrays, 1-D.
+    """State of an observer after the sample at `time`, s, from which the estimation can continue.
 
-    `sample`, 1-D, holds the torque (N*m) and the speed (rad/s); `x`, 1-D, is the state vector.
+    `sample`, 1-D, has the measured torque (N*m) and speed (rad/s); `x`, 1-D, is the state vector of the observer.
     """
 
     time: float
@@ -235,9 +238,10 @@ def adhesion_coefficient(adhesion_torque: ArrayLike, vehicle: Vehicle) -> Floats
 def checked_samples(
     time: ArrayLike, torque: ArrayLike, omega: ArrayLike, *, after: float | None
 ) -> tuple[Floats, Floats]:
-    """Check samples; return the times, and torque and speed as an array (k, 2).
+    """Check samples; return the times, and an array (k, 2) of torque and speed.
 
-    Times must increase, and be later than `after`, s. InputError names the first invalid row, counted from 0.
+    Times must increase, and be later than `after`, s, if that is not None. InputError names the first invalid row,
+    counted from 0.
     """
     columns = {name: np.asarray(x, dtype=float) for name, x in (("time", time), ("torque", torque), ("omega", omega))}
     t = columns["time"]
@@ -261,14 +265,20 @@ _AT_ONCE = 1 << 16  # rows processed together; this bounds the memory and fits i
 
 
 class TorqueObserver(ABC):
-    """Base class of the observers: `inertia` and `viscous_friction` are the wheel's effective J and B."""
+    """Base class of the observers.
+
+    `inertia` and `viscous_friction` are J and B of the wheel, including the vehicle's inertia scale.
+    """
 
     inertia: float
     viscous_friction: float
 
     @abstractmethod
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
-        """Transfer functions from measured torque (1) and speed (N*m*s) to Ta_hat, at complex `s`, rad/s, 1-D."""
+        """Return the transfer functions to Ta_hat from measured torque (ratio) and from measured speed (N*m*s).
+
+        They are evaluated at the complex frequencies `s`, rad/s, 1-D.
+        """
 
     @abstractmethod
     def sampled(self, interval: float) -> SampledForm:
@@ -276,7 +286,7 @@ class TorqueObserver(ABC):
 
     @abstractmethod
     def _at_rest(self, omega: float, steady: float) -> Floats:
-        """Return the state x after the first sample, with speed `omega`, rad/s; the estimate there is `steady`, N*m."""
+        """Return the state x in which speed and estimate are constant at `omega`, rad/s, and `steady`, N*m."""
 
     @abstractmethod
     def _after(self, x: Floats, h: Floats, before: Floats, now: Floats) -> tuple[Floats, Floats]:
@@ -288,12 +298,12 @@ class TorqueObserver(ABC):
     def run(
         self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: ObserverState | None = None
     ) -> Estimates:
-        """Estimate the adhesion torque over columns of samples, at regular intervals or not; arrays of one length.
+        """Estimate the adhesion torque from samples at regular or irregular intervals; arrays of one length.
 
         `time`, s, 1-D, must increase; `torque`, N*m, 1-D, and `omega`, rad/s, 1-D, are as measured. Without `state` the
-        observer assumes a constant wheel speed at the first sample. With the `state` after the previous sample it
-        continues, so pieces of a log give the same estimates as the whole. InputError for samples that are not finite
-        or not in order.
+        observer assumes a constant wheel speed at the first sample. With the `state` after an earlier call it
+        continues from there; a log that is passed in parts therefore gives the same estimates as the whole log.
+        InputError for samples that are not finite or not in order.
         """
         t, u = checked_samples(time, torque, omega, after=None if state is None else state.time)
         out, begin = np.empty(t.size), 0
@@ -314,7 +324,8 @@ class TorqueObserver(ABC):
 class Form(StrEnum):
     """Forms of the published observer.
 
-    PRINTED filters only J omega', as printed in (27). CORRECTED filters every term, so Ta_hat = Ta/(tau s + 1).
+    PRINTED filters only J omega', as printed in [Park2008] (27). CORRECTED filters every term of (27), so that the
+    estimate is Ta_hat = Ta/(tau s + 1).
     """
 
     PRINTED = "printed"
@@ -325,9 +336,10 @@ class Form(StrEnum):
 class FilterObserver(TorqueObserver):
     """Published observer of the adhesion torque.
 
-    The disturbance torque Td is not measured, so the corrected estimate is (Ta + Tr - Td)/(tau s + 1). `inertia` J
-    (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) are the wheel's effective values, `time_constant` is tau
-    (s, > 0), and `form` is printed or corrected. InputError for a number out of range.
+    The disturbance torque Td and the random adhesion torque Tr are not measured, so that the corrected estimate is
+    (Ta + Tr - Td)/(tau s + 1). `inertia` J (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) include the vehicle's
+    inertia scale, `time_constant` is tau (s, > 0), and `form` is printed or corrected. InputError for a number out of
+    range.
     """
 
     inertia: float
@@ -342,7 +354,7 @@ class FilterObserver(TorqueObserver):
 
     @classmethod
     def of(cls, vehicle: Vehicle, time_constant: float, form: Form = Form.CORRECTED) -> Self:
-        """Return the observer for the wheel of `vehicle`, including its inertia scale; `time_constant` in s."""
+        """Return the observer for the wheel of `vehicle`, with the vehicle's inertia scale; `time_constant` in s."""
         return cls(vehicle.effective_inertia, vehicle.effective_viscous_friction, time_constant, form)
 
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
@@ -361,9 +373,10 @@ class FilterObserver(TorqueObserver):
         return SampledForm(1 - share[:, None], before, now, np.ones(1), direct, interval)
 
     def _weights(self, h: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the decay of the filter's state over an interval h, s, and the weights of u at its start and end.
+        """Return the share of the filter's state that decays in an interval h, s, and two weights of u.
 
-        u is the brake torque plus B omega. The form printed in (27) does not filter u, so both weights are 0.
+        u is the brake torque plus B omega, weighted at the start and at the end of the interval. The form printed in
+        [Park2008] (27) does not filter u, so that both weights are 0.
         """
         q = h / self.time_constant
         share = -np.expm1(-q)
@@ -392,11 +405,12 @@ _LARGEST_RESIDUAL = 1e-6
 
 
 def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool) -> Floats:
-    """Solve the Kalman filter's Riccati equation for the error covariance P; the first state is measured.
+    """Solve the Riccati equation of a Kalman filter for the covariance P of its error; the first state is measured.
 
-    Continuous: A P + P A' - P C' C P/noise + driven = 0. Sampled, P before a sample: P = A (P - P C' C P/(C P C' +
-    noise)) A' + driven. The solvers return numbers for any input, so the solution is checked. InputError for a wrong
-    solution.
+    `A` is the matrix of the states, `driven` the noise that drives them, `noise` that of the measurement C x, with
+    C = (1, 0, ...). In continuous time, A P + P A' - P C' C P/noise + driven = 0. If `sampled`, P just before a sample
+    is P = A (P - P C' C P/(C P C' + noise)) A' + driven. The solvers return numbers for any input. The solution is
+    therefore checked; InputError if it is wrong.
     """
     import control
 
@@ -427,13 +441,13 @@ def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool)
 class KalmanObserver(TorqueObserver):
     """Kalman filter that estimates the adhesion torque Ta of a wheel.
 
-    - inertia, viscous_friction: the wheel's effective values, kg m^2, > 0, and N m s, >= 0.
+    - inertia, viscous_friction: J, kg m^2, > 0, and B, N m s, >= 0, of the wheel, with the vehicle's inertia scale.
     - interval: nominal sampling interval, s, > 0.
     - speed_variance, torque_variance: noise variance of a sample, (rad/s)^2, > 0, and (N*m)^2, >= 0.
     - walk: intensity of the white noise that drives Ta, (N*m)^2/s, > 0.
 
-    The estimate of Ta includes a disturbance torque. InputError for a number out of range, and for noises so different
-    that the gains cannot be computed.
+    A disturbance torque is estimated as a part of Ta. InputError for a number out of range, and if the noises are so
+    different that the gains cannot be computed.
     """
 
     inertia: float
@@ -456,10 +470,10 @@ class KalmanObserver(TorqueObserver):
     ) -> Self:
         """Return the Kalman filter for a vehicle's wheel and its sensors.
 
-        The rounding errors of the `encoder` are modelled as white noise of the speed. In fact they cancel at low
-        frequencies, so the filter gives the speed less weight than is best. The torque's noise variance is that of the
-        `sensor`. `interval` is the sampling interval, s. Ta is expected to change by `change` (N*m, one standard
-        deviation) within `within` (s), so `walk` is change^2/within.
+        The rounding errors of the `encoder` are modelled as white noise of the speed. In fact these errors cancel at
+        low frequencies; the weight of the measured speed is therefore below the optimum. The `sensor` gives the noise
+        variance of the torque. `interval` is the sampling interval, s. Ta is expected to change by `change` (N*m, one
+        standard deviation) within the time `within` (s), so that `walk` is change^2/within.
         """
         number("change", change, "N*m", gt=0)
         number("within", within, "s", gt=0)
@@ -480,14 +494,17 @@ class KalmanObserver(TorqueObserver):
 
     @cached_property
     def driving_noise(self) -> Floats:
-        """Intensity of the white noise on x', (2, 2); the torque noise enters with torque_variance * interval."""
+        """Intensity, (2, 2), of the white noise on x', where x = (omega, Ta).
+
+        The noise of the sampled torque acts like white noise of intensity torque_variance * interval.
+        """
         return np.diag([self.torque_variance * self.interval / self.inertia**2, self.walk])
 
     @cached_property
     def continuous_gain(self) -> Floats:
         """Gain L, shape (2,), of x_hat' = A x_hat + b Tb + L (y - omega_hat), where y is the measured speed.
 
-        The sampled speed noise enters as white noise of intensity speed_variance * interval.
+        The noise of the sampled speed acts like white noise of intensity speed_variance * interval.
         """
         noise = self.speed_variance * self.interval
         return np.asarray(steady_covariance(self.model[0], self.driving_noise, noise, sampled=False)[:, 0] / noise)
@@ -496,7 +513,7 @@ class KalmanObserver(TorqueObserver):
     def sampled_gain(self) -> Floats:
         """Gain K, shape (2,), of x_hat[k] = prediction + K (y[k] - predicted omega) at the nominal interval.
 
-        The noise added within an interval comes from a matrix exponential ([VanLoan1978]).
+        The covariance of the noise added within an interval is computed by a matrix exponential ([VanLoan1978]).
         """
         from scipy.linalg import expm
 
@@ -555,9 +572,11 @@ class KalmanObserver(TorqueObserver):
 class ObserverResponses:
     """Frequency responses of Ta_hat to the torques on the wheel and to sensor noise; complex arrays of one length.
 
-    Inputs, at frequencies `omega`, rad/s: the true Ta + Tr (`adhesion`), the measured Tb (`brake`), Td (`disturbance`)
-    and noise on Tb (`torque_noise`), N*m per N*m; noise on omega (`speed_noise`), N*m per rad/s. A good observer has 1
-    for `adhesion`, 0 for `brake` and `disturbance`, and small responses to noise.
+    - omega: frequencies, rad/s.
+    - adhesion: response to the true adhesion torque Ta + Tr, N*m per N*m; ideally 1.
+    - brake, disturbance: responses to the measured brake torque Tb and to Td, N*m per N*m; ideally 0.
+    - torque_noise: response to noise on the measured Tb, N*m per N*m.
+    - speed_noise: response to noise on the measured wheel speed, N*m per rad/s.
     """
 
     omega: Floats
@@ -569,7 +588,7 @@ class ObserverResponses:
 
 
 def observer_responses(observer: TorqueObserver, omega: ArrayLike) -> ObserverResponses:
-    """Compute the frequency responses of a continuous `observer` with its wheel at `omega` > 0, rad/s, 1-D."""
+    """Compute the frequency responses of `observer`, in continuous time, and its wheel at `omega` > 0, rad/s, 1-D."""
     grid = np.asarray(omega, dtype=float)
     s = 1j * grid
     torque, speed = observer.transfers(s)

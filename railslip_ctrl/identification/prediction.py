@@ -2,21 +2,25 @@
 
 A random force on the wheel also changes its slip. A curve fitted to force over slip is therefore too flat where the
 adhesion characteristic is steep. A prediction of the wheel speed one interval ahead avoids this bias, because the
-present slip does not depend on the coming force. With w the random force (white, constant between rows), n the sensor
-noise and A the decay of a deviation over the interval, the error of a prediction is
+present slip does not depend on the coming force. Let w be the random force (white, constant between rows), n the noise
+of the measured wheel speed, and A the factor by which a deviation of the wheel speed shrinks over an interval. The
+error of a prediction is then
 
-    r[k] = n[k+1] - A[k] n[k] + g[k] w[k],    g = (r/J) (interval, shortened by the decay).
+    e[k] = n[k+1] - A[k] n[k] + g[k] w[k],
 
-Its covariance is tridiagonal. The variances are maximum-likelihood estimates, and the whitened errors are minimised. If
-the force is correlated over several rows, the slip depends on part of it, and a bias remains on steep rises. The
-long-run variance of the whitened errors shows part of this bias and widens the intervals.
+where g is r/J times the interval, or less if the deviation decays within the interval. The covariance of the errors is
+tridiagonal. The variances of w and n are estimated by maximum likelihood, and the sum of the squared whitened errors is
+minimised. If the random force is correlated over several rows, the present slip depends on a part of the coming force,
+and a bias remains where the characteristic is steep. The long-run variance of the whitened errors shows part of this
+bias and widens the intervals of the parameters.
 
-The deflection z of the bristles is integrated along the measured slip; for a given slip, z' is linear in z. The unknown
-value of z at the start of each run is fitted with the parameters.
+In the bristle model, the deflection z of the bristles is integrated along the measured slip; for a given slip, z' is
+linear in z. The unknown value of z at the start of each run is fitted with the parameters.
 
-Between rows, brake torque and train speed are parabolas through neighbouring rows. The torque of a released brake
-decays so fast that the mean of both ends is 1 % too high; with this mean the fitted fall of the adhesion would be too
-small. The curvature of the train's speed matters where the characteristic is steep, because the slip is small there.
+Between rows, brake torque and train speed are interpolated by parabolas through neighbouring rows. The torque of a
+released brake decays so fast that the mean of its values at both ends of an interval is 1 % too high; with this mean,
+the fitted adhesion would fall too little. The curvature of the train's speed matters where the characteristic is steep,
+because the slip is small there.
 """
 
 from __future__ import annotations
@@ -66,7 +70,11 @@ _SPLINE_REACH = 0.005  # slip by which the spline extends beyond the record's hi
 
 
 class Errors(NamedTuple):
-    """For each interval: prediction error r, decay A, and the derivative of r by the state at the run's start."""
+    """Prediction errors of the wheel speed, rad/s; arrays with one entry for each interval between rows.
+
+    `decay` is the factor by which a deviation of the wheel speed shrinks over the interval. `start` is the derivative
+    of the error with respect to the bristles' deflection at the start of the run, None for a static model.
+    """
 
     error: Floats
     decay: Floats
@@ -75,9 +83,10 @@ class Errors(NamedTuple):
 
 @dataclass(frozen=True)
 class Intervals:
-    """Intervals between neighbouring rows of a run, SI: values at the beginning (0) and the end (1).
+    """Intervals between neighbouring rows of a run; SI, arrays of one length.
 
-    Arrays of one length. `speed_bend` is the second derivative of the train's speed times the interval squared, m/s.
+    Names with 0 are values at the beginning of the interval, names with 1 values at its end. `step` is the length of
+    the interval, `time` its end. `speed_bend` is the second derivative of the train's speed times `step` squared, m/s.
     """
 
     step: Floats
@@ -94,7 +103,7 @@ class Intervals:
 
     @classmethod
     def of(cls, record: BrakedRows) -> Intervals:
-        """Intervals of a record."""
+        """Return the intervals between the rows of a record."""
         same = np.diff(record.run) == 0
         v0, omega0, torque0 = (x[:-1][same] for x in (record.speed, record.omega, record.torque))
         v1, omega1, torque1, time = (x[1:][same] for x in (record.speed, record.omega, record.torque, record.time))
@@ -106,18 +115,21 @@ class Intervals:
         return len(self.step)
 
     def with_curvature(self, *, steeper: bool = False) -> Intervals:
-        """Account for curvature: sets `speed_bend`, and shifts the torques so that a line has the parabola's mean.
+        """Return the intervals with curvature: `speed_bend` is set, and the torques have the mean of a parabola.
 
-        A parabola passes through both ends of the interval and a third row, before or after it. The flatter of the two
-        parabolas is used, because it does not cross a corner of the signal. The steeper parabola bounds the effect of a
-        corner between two rows.
+        A parabola passes through both ends of the interval, and through the row before or the row after the interval.
+        The flatter of these two parabolas is used, because it does not cross a corner of the signal. If `steeper`, the
+        other one is used; it bounds the effect of a corner between two rows.
         """
         excess = self._curvature(self.torque0, self.torque1, steeper=steeper) / 12.0
         bend = self._curvature(self.speed0, self.speed1, steeper=steeper)
         return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess, speed_bend=bend)
 
     def _curvature(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
-        """Second derivative times the interval squared; 0 for a run of one interval."""
+        """Second derivative of a signal, times the interval squared; 0 for a run of one interval.
+
+        `begin` and `end` are the values of the signal at the beginning and the end of each interval.
+        """
         slope = (end - begin) / self.step
         bend = np.full(len(self) + 1, np.nan)  # at the rows between two intervals; unknown at both ends of a run
         bend[1:-1] = 2.0 * np.diff(slope) / (self.step[1:] + self.step[:-1])
@@ -130,12 +142,12 @@ class Intervals:
 
     @property
     def begins(self) -> Flags:
-        """Mask of the first interval of each run."""
+        """True for the first interval of each run."""
         return np.asarray(np.diff(self.run, prepend=-1) != 0)
 
 
 class PredictionErrors:
-    """Least-squares problem of a model's whitened prediction errors along a record."""
+    """Least-squares problem whose residuals are the whitened prediction errors of a model along a record."""
 
     def __init__(self, model: FitModel, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
         self.model, self.coordinates, self.wheel_load = model, model.coordinates, wheel_load
@@ -152,7 +164,7 @@ class PredictionErrors:
     # --- one interval ahead -----------------------------------------------------------------------------------------
 
     def errors(self, values: Floats) -> Errors:
-        """Prediction errors for parameter values."""
+        """Prediction errors of the model with the parameter `values`."""
         return self._bristles(values)[0] if self.model.name in DYNAMIC else self._static_errors(values)
 
     def _force(self, values: Floats, sigma: Floats, v: Floats) -> Floats:
@@ -164,7 +176,7 @@ class PredictionErrors:
         return np.asarray(np.sign(sigma) * force)
 
     def _curve(self, values: tuple[float, ...]) -> Any:
-        """Spline of mu over the square root of the slip, for a model without speed dependence; caches the last one."""
+        """Spline of mu over the root of the slip, for a model that does not depend on speed; the last one is cached."""
         from scipy.interpolate import CubicSpline
 
         if self._spline is None or self._spline[0] != values:
@@ -174,10 +186,11 @@ class PredictionErrors:
         return self._spline[1]
 
     def _static_errors(self, values: Floats) -> Errors:
-        """Predict by the exponential Rosenbrock method of order 2, exact for a linear characteristic and ramps.
+        """Prediction errors of a static model, by the exponential Rosenbrock method of order 2.
 
-        The state is sigma, with the measured train speed. Where the characteristic is steep, the wheel follows the
-        train at once, so omega changes much and sigma hardly changes.
+        The method is exact if adhesion is linear in slip, and torque and train speed are linear in time. The integrated
+        state is sigma instead of omega: where the characteristic is steep, the wheel follows the train at once, so that
+        omega changes much and sigma hardly changes.
         """
         i = self.intervals
         h = i.step / self._substeps
@@ -200,7 +213,7 @@ class PredictionErrors:
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
 
     def followed(self, values: Floats) -> Floats:
-        """Slip and mu of the bristle model along the runs: means over `_FOLLOWED_CELLS` cells of slip, (2, cells)."""
+        """Slip ratio and mu of the bristle model along the measured motion, as means in cells of slip, (2, cells)."""
         errors, sigma, mean, left = self._bristles(values)
         assert errors.start is not None
         assert self._factor is not None, "set_variances comes first"
@@ -220,10 +233,10 @@ class PredictionErrors:
         return alpha, beta, gamma
 
     def _bristles(self, values: Floats) -> tuple[Errors, Floats, Floats, Floats]:
-        """Integrate z' = sigma - alpha h sigma z, with sigma the mean of both ends of an interval.
+        """Integrate z' = sigma - alpha beta |sigma| z/(gamma - |sigma|), with the mean sigma of each interval.
 
-        Returns the errors, sigma, the mean of z in each interval for z = 0 at the start of the run, and the derivative
-        of this mean by z at the start.
+        Returns the prediction errors, sigma, the mean of z in each interval if z = 0 at the start of the run, and the
+        derivative of this mean with respect to z at the start of the run.
         """
         i = self.intervals
         alpha, beta, gamma = self._values(values)
@@ -249,9 +262,10 @@ class PredictionErrors:
     # --- whitening --------------------------------------------------------------------------------------------------
 
     def set_variances(self, values: Floats) -> None:
-        """Set the maximum-likelihood variances of the errors at some parameters, which `residuals` uses for whitening.
+        """Estimate the variances of random force and sensor noise, with which `residuals` whitens the errors.
 
-        A search finds the ratio of the two variances; their common factor follows from the ratio.
+        They are the maximum-likelihood estimates for the parameter `values`. A search finds the ratio of the two
+        variances; their common factor follows from the ratio.
         """
         from scipy.optimize import minimize_scalar
 
@@ -270,9 +284,10 @@ class PredictionErrors:
         self._factor = factor * scale
 
     def _covariance_bands(self, A: Floats) -> tuple[Floats, Floats]:
-        """Banded covariances of the errors, due to a random force of effect 1 and to a sensor variance of 1.
+        """Two banded covariances of the errors: due to a random force, and due to sensor noise, each of variance 1.
 
-        `A` is the decay of a deviation over each interval.
+        `A` is the factor by which a deviation of the wheel speed shrinks over each interval. The variance of the force
+        is that of its effect on the wheel speed.
         """
         i = self.intervals
         # the force is constant over a nominal interval; over a longer interval the variance of its mean is smaller
@@ -297,7 +312,10 @@ class PredictionErrors:
         return np.asarray(dtbsv(1, factor, np.asarray_chkfinite(x), lower=1))
 
     def _without_start(self, error: Floats, start: Floats | None) -> Floats:
-        """Errors for the best state at the start of each run."""
+        """Errors that remain if each run starts with the best-fitting deflection of the bristles.
+
+        `start` is the derivative of the errors with respect to this deflection; None: the errors stay unchanged.
+        """
         if start is None:
             return error
         run = self.intervals.run
@@ -307,7 +325,7 @@ class PredictionErrors:
     # --- the fit ----------------------------------------------------------------------------------------------------
 
     def solve(self, starts: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """Best coordinates from several starting values of the parameters, and the whitened errors at them."""
+        """Search from several starting values; return the best coordinates and the whitened errors there."""
         if self.model.name in STATIC:
             steepest = float(np.max(-np.log(self.errors(starts[0]).decay)))
             self._substeps = _SUBSTEPS[steepest > _SLOW_DECAY]
@@ -323,13 +341,16 @@ class PredictionErrors:
         return best, self.residuals(values(best))
 
     def maximum_likelihood(self, start: Floats) -> tuple[float, Floats, float]:
-        """Fit from one start; return (-2 log likelihood up to a constant, best parameters, inflation of the errors)."""
+        """Fit from one set of starting values.
+
+        Returns -2 log likelihood up to a constant, the best values, and the long-run variance of the whitened errors.
+        """
         best, errors = self.solve([start])
         return self.deviance, self.coordinates.values(best), _inflation(self.intervals, errors, len(best))[0]
 
     @property
     def deviance(self) -> float:
-        """-2 log likelihood, up to a constant, at the parameters for which the variances were set."""
+        """-2 log likelihood, up to a constant, of the parameter values last given to `set_variances`."""
         # the factor includes the common scale, so the sum of the whitened squares is constant
         assert self._factor is not None, "set_variances comes first"
         return 2.0 * float(np.sum(np.log(self._factor[0])))
@@ -345,11 +366,12 @@ class PredictionErrors:
         return float(np.sum(self.errors(coordinates.values(x)).error ** 2)), x
 
     def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:
-        """Shifts of the coordinates due to the unknown motion between rows, one for each cause.
+        """Shifts of the best coordinates `x` that other assumptions about the motion between rows would cause.
 
-        - Curvature of torque and train speed: the effect of straight lines instead of parabolas, and the effect of the
+        - Curvature of torque and train speed: one shift for straight lines instead of parabolas, and one for the
           steeper parabola in each interval, as if the brake were released between rows.
-        - Integration step: Richardson's estimate of order 2. The bristles' state is integrated exactly and needs none.
+        - Integration step of a static model: Richardson's estimate of order 2. The deflection of the bristles is
+          integrated exactly and needs no such shift.
         """
         values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
         here, intervals = self.residuals(values), self.intervals
@@ -370,7 +392,7 @@ _ZERO = np.zeros(1)
 
 
 def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
-    """Banded Cholesky factor of the covariance, for a ratio of the sensor's to the random force's variance."""
+    """Banded Cholesky factor of the errors' covariance; `ratio`: variance of sensor noise over that of the force."""
     from scipy.linalg import cholesky_banded
 
     force, sensor = bands
@@ -398,8 +420,8 @@ def prediction_error_fit(
 ) -> Fit:
     """Refit a model by minimising the prediction errors, starting from `first`, its fit to the cells.
 
-    Returns `first` if `has_prediction_errors` is false. `profiles` as in `fits.fit`. InputError for a log whose wheel
-    motion the model cannot reproduce.
+    Returns `first` if `has_prediction_errors` is false. `profiles` is as in `fits.fit`. InputError if the model cannot
+    reproduce the motion of the wheel in the log.
     """
     if not has_prediction_errors(first.model, record):
         return first
@@ -461,9 +483,10 @@ def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[f
 def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: float) -> tuple[float, float | None]:
     """Mean slip acceleration R, m/s^2, up to the slip ratio `top`, and its standard deviation from test to test.
 
-    R is the time-weighted mean over the tests that reach `top` from below, or over all tests if none reaches it. Tests
-    that begin far below `top` are preferred, because the slip rises faster near the peak. `radius` in m,
-    `initial_speed` in m/s. R is 0 for an empty record; the deviation is None if fewer than two tests reach `top`.
+    R is the time-weighted mean over the tests that reach `top` from below, or over all tests that begin below `top` if
+    none reaches it. If some of these tests begin far below `top`, only they are used, because the slip rises faster
+    near the peak. `radius` is in m, `initial_speed` in m/s. R is 0 if no test begins below `top`; the standard
+    deviation is None if fewer than two tests reach `top`.
     """
     slip = 1.0 - radius * record.omega / record.speed
     test = whole_tests(record.time, np.zeros(len(record)), record.run.astype(np.int64))
@@ -489,7 +512,10 @@ def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: floa
 
 
 def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitModel, float | None]:
-    """Add the slip acceleration that defines the peak to a model, with a note; return model and scatter, or None."""
+    """Add to a model the slip acceleration R for which its peak is computed, and a note about R.
+
+    Returns the model and the standard deviation of R from run to run, None if it is not known.
+    """
     R, source, spread = setting.given_acceleration, "as given", None
     if R is None:
         R, source, spread = setting.slip_acceleration, "the log's mean up to its peak", setting.acceleration_spread

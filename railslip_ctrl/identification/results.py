@@ -36,7 +36,7 @@ class Regimes:
         return np.where(slip < self.boundary, "adhesion", "sliding")
 
     def errors(self, score: Score) -> tuple[float, float]:
-        """Mean of |mean mu - model| over the bins of (adhesion, sliding); NaN for a regime without bins."""
+        """Mean `bin_error` of a score in each regime, (adhesion, sliding); NaN for a regime without bins."""
         below = score.bin_slip < self.boundary
         adhesion, sliding = score.bin_error[below], score.bin_error[~below]
         return (
@@ -46,14 +46,17 @@ class Regimes:
 
 
 def regimes_of(peak: float, model: str, cells: Cells, otherwise: Regimes) -> Regimes:
-    """Regimes split at the `peak` (slip ratio) of a model if the log has larger slips; else `otherwise`."""
+    """Regimes that meet at the `peak` (slip ratio) of a model; `otherwise` if the log has no larger slips."""
     if peak <= float(cells.slip.max()):  # false for NaN
         return Regimes(peak, f"the peak of {model}")
     return otherwise
 
 
 def regimes_of_data(cells: Cells) -> Regimes:
-    """Regimes split at the highest measured mu, if no model has a peak; on a flat curve noise decides where it is."""
+    """Regimes that meet at the slip of the highest measured mu, used if no model has a peak.
+
+    On a flat curve the position of the highest mu depends on noise.
+    """
     return Regimes(peak_slip(cells), "the highest mean mu of the log")
 
 
@@ -65,11 +68,12 @@ _LEAST_BY_PARAMETER = 2.0  # least independent samples for each parameter; AIC a
 
 @dataclass(frozen=True)
 class Score:
-    """Goodness of a fit: |mean mu - model's mean mu| by bin of slip (`bin_error`), and information criteria.
+    """Goodness of a fit: error of mu in each bin of slip, and the information criteria `aic` and `bic`.
 
-    The criteria `aic` and `bic` use the number of `independent` samples, which follows from the long-run variance of
-    the noise but is at least the number of stretches used for this variance. The noise is the residual of the best
-    model, so criteria can only be compared within one comparison. Lower is better.
+    `bin_error` is |mean mu of the samples - mean mu of the model| in the bin with the mean slip ratio `bin_slip`. A
+    lower `aic` or `bic` is better. Both use the number of `independent` samples. It follows from the long-run variance
+    of the noise, and is at least the number of stretches of time used for this variance. As the noise is the residual
+    of the best model, only criteria from one call of `compare` can be compared.
     """
 
     fit: Fit
@@ -81,12 +85,12 @@ class Score:
 
     @property
     def mean_abs_error(self) -> float:
-        """Mean over the bins of slip of |mean mu - model|, as [Park2008] Table 3."""
+        """Mean of `bin_error` over the bins, as in [Park2008] Table 3."""
         return float(self.bin_error.mean())
 
 
 def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
-    """Score fits to the same cells; lowest BIC first."""
+    """Compute the scores of fits to the same cells; return them with the lowest BIC first."""
     samples = float(cells.count.sum())
     least = min(fits, key=lambda each: each.residual_squares)
     noise = least.residual_squares / samples
@@ -108,10 +112,11 @@ FALSE_MISFIT = 0.01  #: significance level of the lack-of-fit test: at most this
 
 
 def misfit_probability(fit: Fit, table: Fit) -> float:
-    """p-value of a formula in the F test for lack of fit against a table.
+    """p-value of the F test whether a formula fits the log as well as a table does.
 
-    F is the reduction of the deviance by the table per additional parameter, divided by the long-run variance of the
-    table's whitened errors; a variance below 1 counts as 1. NaN for a model without a prediction-error fit.
+    F is the deviance (-2 log likelihood) of the formula minus that of the table, divided by the number of additional
+    parameters of the table and by the long-run variance of its whitened errors; a variance below 1 counts as 1. NaN if
+    a prediction-error fit is missing or the table has no additional parameters.
     """
     from scipy.stats import f
 
@@ -123,24 +128,24 @@ def misfit_probability(fit: Fit, table: Fit) -> float:
 
 
 def is_misfit(fit: Fit, table: Fit | None) -> bool:
-    """True if the log rejects a formula in favour of a table."""
+    """True if the test of `misfit_probability` rejects a formula in favour of a table."""
     return table is not None and misfit_probability(fit, table) < FALSE_MISFIT
 
 
 def largest_difference(fit: Fit, table: Fit) -> float:
-    """Largest difference of mu between a fit and a table, over the cells of a log."""
+    """Largest difference in the mean mu of a cell between a fit and a table."""
     return float(np.abs(fit.cell_coefficients - table.cell_coefficients).max())
 
 
 def criteria_note(scores: Sequence[Score]) -> str:
-    """Note if a model has too many parameters for AIC and BIC; else empty."""
+    """Note if the independent samples are too few to compare the models by AIC and BIC; else empty."""
     if all(score.independent >= _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores):
         return ""
     return message("too few samples", independent=scores[0].independent)
 
 
 def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
-    """Mean slip of each bin of the curve that holds samples, and |mean mu - model's mean mu| in it."""
+    """For each bin with samples: mean slip ratio, and |mean mu of the samples - mean mu of the model|."""
     index = np.minimum((cells.slip * BINS).astype(np.int64), BINS - 1)
     n = np.bincount(index, cells.count, minlength=BINS)
     full = n > 0
@@ -159,8 +164,8 @@ LARGEST_LOSS = 0.02  #: largest share of the peak adhesion that a reference slip
 OFF_THE_PEAK = 0.8
 """Largest ratio of reference slip to peak slip.
 
-At the peak the pole of the slip changes sign, so margins at the peak are not valid at slightly more slip. With this
-ratio a slip error of 25 %, as an envelope tolerates, just reaches the peak.
+At the peak the slip pole changes sign, so margins computed there are not valid at a slightly larger slip. With this
+ratio the slip reaches the peak if it is 25 % above the reference slip, the default tolerance of an envelope.
 """
 
 _UNKNOWN = (math.nan, math.nan)
@@ -175,16 +180,18 @@ _LEAST_STEP = 1e-5  # least relative difference step; for smaller steps the peak
 
 @dataclass(frozen=True)
 class PeakSlip:
-    """Peak of the adhesion at a speed, m/s, on a rail: slip ratio and mu; the slip is NaN for a law without a peak.
+    """Adhesion peak at a `speed`, m/s, on a `rail`: its `slip` ratio, NaN for a law without peak, and its mu.
 
-    - slip_interval, coefficient_interval: 95 % intervals. For a formula they come from the fit's covariance by the
-      delta method, and from the scatter of the slip acceleration if the peak depends on it. They contain the table's
-      interval, which assumes no formula. An upper end is infinite if the log does not go past the peak.
-    - reference, reference_coefficient: reference slip, and mu at this slip. Because the wheel is unstable beyond the
-      peak, this slip lies below the peak's 99 % interval if that loses at most `LARGEST_LOSS` of the adhesion, and
-      otherwise where the loss is `LARGEST_LOSS`. It is at most `OFF_THE_PEAK` times the peak slip.
-    - by_rule: true if the wet law was derived from the dry law by the law's rule, without standard errors.
-    - extrapolated: true if the log does not cover this initial speed.
+    - slip_interval, coefficient_interval: 95 % intervals of slip and mu. For a formula they follow from the covariance
+      of the fit by the delta method, and from the scatter of the slip acceleration if the peak depends on it. If the
+      formula does not fit better than a table, they are widened to contain the intervals of the table's peak. The upper
+      ends are infinite if the log does not go past the peak.
+    - reference, reference_coefficient: reference slip, and mu at this slip. The wheel is unstable beyond the peak; the
+      reference slip is therefore the lower end of the peak's 99 % interval. If adhesion there is more than
+      `LARGEST_LOSS` below its peak, the reference slip is where the loss is `LARGEST_LOSS`. It is at most
+      `OFF_THE_PEAK` times the peak slip.
+    - by_rule: true if a law fitted on dry rail was converted to wet rail by the law's rule; the intervals are then NaN.
+    - extrapolated: true if `speed` is outside the initial speeds of the log.
     """
 
     speed: float
@@ -200,12 +207,12 @@ class PeakSlip:
 
     @property
     def slip_stderr(self) -> float:
-        """Standard error of the slip: longer side of its interval over 1.96."""
+        """Standard error of the slip: longer side of its 95 % interval, divided by 1.96."""
         return max(abs(end - self.slip) for end in self.slip_interval) / QUANTILE
 
     @property
     def coefficient_stderr(self) -> float:
-        """Standard error of mu: longer side of its interval over 1.96."""
+        """Standard error of mu: longer side of its 95 % interval, divided by 1.96."""
         return max(abs(end - self.coefficient) for end in self.coefficient_interval) / QUANTILE
 
     @property
@@ -215,24 +222,24 @@ class PeakSlip:
 
     @property
     def basis(self) -> str:
-        """Source of the peak: "log" or "rule", followed by ", extrapolated" if it is extrapolated."""
+        """Source of the peak: "log", or "rule" if `by_rule`; followed by ", extrapolated" if `extrapolated`."""
         source = "rule" if self.by_rule else "log"
         return f"{source}, extrapolated" if self.extrapolated else source
 
 
 def peak_of_law(law: AdhesionLaw, speed: float, wheel_load: float) -> PeakSlip:
-    """Peak of a law with exact parameters, at a speed in m/s and a wheel load in N."""
+    """Adhesion peak, without uncertainty, of a law at a speed in m/s and a wheel load in N."""
     top = peak(law, speed, wheel_load)
     value = np.array([top.slip, top.coefficient])
     return _with_reference(law, speed, wheel_load, value, np.stack([value, value], axis=1))
 
 
 def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail, *, widest: Floats | None = None) -> PeakSlip:
-    """Peak of a fitted model with its uncertainty, at a speed in m/s and a wheel load in N, on a rail.
+    """Adhesion peak of a fitted model with its intervals, at a speed in m/s and a wheel load in N, on a rail.
 
-    A law fitted on dry rail gives the peak on wet rail by its rule. `widest`, (2, 2), are the ends (low, high) of
-    intervals of slip and mu, relative to the peak, which the result must contain. InputError for dry rail if the log is
-    from wet rail.
+    For wet rail, a law fitted on dry rail is converted by the law's rule. `widest`, (2, 2), has the ends (low, high) of
+    an interval of slip and of an interval of mu, each divided by the value at the peak. The intervals of the result are
+    widened to contain them. InputError for dry rail if the log is from wet rail.
     """
 
     def at(model: FitModel, values: np.ndarray) -> tuple[float, float]:
@@ -262,9 +269,10 @@ def drift(
     shown: tuple[float, float] = (0.0, math.inf),
     widest: Floats | None = None,
 ) -> tuple[PeakSlip, ...]:
-    """Peaks at several speeds (m/s) and a wheel load (N), on the rail of the log and on wet rail.
+    """Adhesion peaks at several speeds (m/s) and a wheel load (N), on the rail of the log and on wet rail.
 
-    `shown` are the lowest and highest initial speed of the log, m/s; `widest` as in `peak_of_fit`.
+    `shown` are the lowest and highest initial speed of the log, m/s; peaks at other speeds are marked as extrapolated.
+    `widest` is as in `peak_of_fit`.
     """
     rails = dict.fromkeys((fit.law.rail, Rail.WET))
     peaks = [peak_of_fit(fit, speed, wheel_load, rail, widest=widest) for rail in rails for speed in speeds]
@@ -272,7 +280,7 @@ def drift(
 
 
 def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]) -> tuple[str, ...]:
-    """Notes on peaks of a model that do not come from the log, one sentence each; `shown` as in `drift`."""
+    """Notes on peaks that are extrapolated or computed by a rule, one sentence each; `shown` is as in `drift`."""
     notes = []
     if any(peak.extrapolated for peak in peaks):
         low, high = (f"{speed / KMH:.4g}" for speed in shown)
@@ -311,9 +319,10 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
 def table_intervals(table: Fit) -> Floats:
     """95 % intervals of slip and mu at the peak of a fitted table: ((low, high), (low, high)).
 
-    A slip belongs to the interval if its mu is below the highest mu by at most the error of the difference. This error
-    is the error of the table's values plus the error of the spline between its knots. The difference from a spline
-    with every second knot estimates the latter. The upper ends are infinite if the log ends within the interval.
+    A slip belongs to the interval if the highest mu exceeds the mu at this slip by at most the error of the difference.
+    This error is the error of the table's values plus the error of the spline between the knots. To estimate the error
+    of the spline, it is compared with a spline through every second knot. The upper ends are infinite if the log ends
+    within the interval.
     """
     knots, noise = table.model.knots, np.diag(table.covariance)
     slip = np.geomspace(knots[0], knots[-1], _PEAK_POINTS)
@@ -382,10 +391,11 @@ _SAME_SPEED = 0.01  # relative difference below which initial speeds count as eq
 
 @dataclass(frozen=True)
 class ParameterPolynomial:
-    """A parameter as a polynomial of the initial speed v0 in km/h: the sum of coefficients[k] v0^k, SI.
+    """A parameter, SI, as a polynomial of the initial speed v0 in km/h: the sum of coefficients[k] v0^k.
 
-    It is fitted to the `values` at `speeds_kmh`. `misfit_probability` is the p-value of the chi-squared test of the
-    values against it; NaN if it passes through all values, or if too few standard errors are known.
+    The polynomial is fitted to the `values` at `speeds_kmh`. `misfit_probability` is the p-value of a chi-squared test
+    whether the values agree with the polynomial. It is NaN if the polynomial passes through all values, or if too few
+    standard errors are known.
     """
 
     name: str
@@ -397,7 +407,7 @@ class ParameterPolynomial:
 
     @property
     def misses(self) -> str:
-        """Warning if the values differ from the polynomial by more than their standard errors explain; else empty."""
+        """Warning if `values` differ from the polynomial by more than their standard errors explain; else empty."""
         if not self.misfit_probability < _IMPROBABLE:
             return ""
         return message("misses", name=self.name, probability=self.misfit_probability)
@@ -420,8 +430,8 @@ class ParameterPolynomial:
 def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> tuple[ParameterPolynomial, ...]:
     """Polynomials of the fitted parameters of one model, weighted by the standard errors if all values have one.
 
-    `initial_speeds` in m/s. The degree is 2, or the number of distinct speeds less one if that is lower. A log
-    in whose fit a parameter rests on an infinite bound is not used for this parameter.
+    `initial_speeds` is in m/s. The degree is 2, or lower if there are fewer than three distinct speeds. If a parameter
+    rests on an infinite bound in the fit to a log, this log is not used for this parameter.
     """
     v0 = np.array(initial_speeds) / KMH
     degree = _degree(v0)
@@ -449,7 +459,7 @@ def _misfit_probability(coefficients: Floats, v0: Floats, values: Floats, stderr
 
 
 def known_polynomials(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, Floats]:
-    """Polynomial coefficients, as in `over_initial_speed`, of the law's parameters that were not fitted."""
+    """Polynomial coefficients, by name, of the law's parameters that were not fitted; see `over_initial_speed`."""
     v0 = np.array(initial_speeds) / KMH
     model = fits[0].model
     coefficients = {}

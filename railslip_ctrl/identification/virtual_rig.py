@@ -1,9 +1,9 @@
 """Virtual brake rig: simulates the adhesion test of [Park2008] pp. 49-51, and writes its log.
 
 The wheel rolls freely at v0, then the brake torque rises on a ramp. Beyond the adhesion peak the slip grows even at
-constant torque. At a slip ratio of 0.5 the brake is released (Fig. 12). Flywheels with the inertia of the quarter car
-slow down like the train. A random adhesion force and sensor noise scatter the results. The adhesion may differ from
-test to test.
+constant torque. At a slip ratio of 0.5 the brake is released ([Park2008] Fig. 12). Flywheels with the inertia of the
+quarter car slow down like the train. A random adhesion force and sensor noise disturb the measured adhesion. The
+adhesion may also differ from test to test.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "bra
 """Header of a written log."""
 
 RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
-"""Brake of the rig. With these assumed values the brake releases before the wheel locks."""
+"""Dead time and lag, s, of the rig's brake: assumed values, with which the brake releases before the wheel locks."""
 
 
 class RigProcedure:
@@ -73,13 +73,14 @@ class RigTest:
     - law: the true adhesion law.
     - brake: dead time and lag of the rig's brake.
     - initial_speed: speed of free rolling before the brake is applied.
-    - rate, release_slip: the torque rises at `rate`, N*m/s, until the slip passes `release_slip`.
+    - rate, release_slip: the torque rises at `rate`, N*m/s, until the slip ratio passes `release_slip`.
     - interval: sampling interval of the log, s.
     - random_force: standard deviation, N, of the random adhesion force, which has a new value in each interval.
-    - wheel_noise, speed_noise, torque_noise: standard deviations of a sample, rad/s, m/s, N*m.
+    - wheel_noise, speed_noise, torque_noise: standard deviations of the noise on a sample of wheel speed, rad/s, train
+      speed, m/s, and torque, N*m.
     - encoder: measures the wheel's speed if given; `wheel_noise` is then not used.
     - torque_offset: sensor offset added to the measured torque, N*m.
-    - spread: standard deviation of the logarithm of the adhesion from test to test.
+    - spread: standard deviation of the logarithm of the factor on the adhesion, which differs from test to test.
 
     InputError for a value out of its range.
     """
@@ -173,7 +174,7 @@ def _one_test(
 def published_tests(
     law_name: str = "beam", *, vehicle: Vehicle = PARK2008, rail: Rail = Rail.DRY
 ) -> tuple[RigTest, ...]:
-    """Return the tests at the four speeds of [Park2008] Table 1, with the published parameters of a law."""
+    """Return the tests at the four speeds of [Park2008] Table 1, with published parameters of the law `law_name`."""
     return tuple(
         RigTest(vehicle, published_law(law_name, rail, speed, vehicle.wheel_load), speed * KMH)
         for speed in TEST_SPEEDS_KMH
@@ -181,7 +182,7 @@ def published_tests(
 
 
 def write_log(log: Rows, path: Path) -> None:
-    """Write a log as CSV with the header `COLUMNS`; an interrupted write leaves no file."""
+    """Write a log as a CSV file with the header `COLUMNS`; if writing is interrupted, no file remains."""
     columns = [log.columns[name] / unit for name, unit in zip(_QUANTITIES, (1.0, KMH, 1.0, 1e3, 1e3), strict=True)]
     header = ",".join(COLUMNS)
     with staged(path.parent) as new:
@@ -226,9 +227,9 @@ class BrakeCourse:
 class BrakeTrial:
     """True signals of a brake trial at constant intervals; SI, arrays of one length.
 
-    `speed` is that of the train; `rim_speed` (v - sigma), `omega` and `angle` are those of the wheel. `brake_torque`
-    and `adhesion_torque` act on the wheel. The brake is applied at `brake_time`; its release begins at `release_time`.
-    The samples are at `time`.
+    `time` has the times of the samples. `speed` is the train speed; `rim_speed` (speed of the circumference), `omega`
+    and `angle` are those of the wheel. `brake_torque` and `adhesion_torque` act on the wheel. The brake is applied at
+    `brake_time`; its release begins at `release_time`.
     """
 
     time: Floats
@@ -312,7 +313,7 @@ def brake_trial(
 def measured(trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
     """Return the signals that `encoder` and `sensor` measure in a `trial`, with noise from `seed`.
 
-    The first sample is left out, because a measured speed needs two angles.
+    The first sample is left out, because the encoder's speed is the difference of two angles.
     """
     torque = sensor.measured(trial.brake_torque[1:], np.random.default_rng(seed))
     return Measurements(trial.time[1:], torque, encoder.speed(trial.time, trial.angle))
