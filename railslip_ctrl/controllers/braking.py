@@ -25,8 +25,9 @@ margin for the random force.
 def linear_control(system: Any, **fields: Any) -> LinearControl:
     """Return a linear system as a controller: `PI` or a derived class, `TransferFunction` or `StateSpace`.
 
-    By default the controller is discretised by Tustin's rule, with the sampling period of `run_period`. `fields` are
-    further fields of the controller, for example another rule or period. InputError if `system` is not linear.
+    By default Tustin's rule converts the system to difference equations, with the sampling period of `run_period`.
+    `fields` are further fields of the controller, for example another rule or period. InputError if `system` is not
+    linear.
     """
     design = linear_controller(system)
     kind = fields.pop("kind", None)
