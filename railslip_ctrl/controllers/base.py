@@ -119,11 +119,11 @@ class Controller(Record):
     """
 
     kind: ClassVar[str]
-    """Name in files, on the command line and in tables."""
+    """Name of this kind of controller in files, on the command line and in tables."""
     title: ClassVar[str]
-    """Description in one line."""
+    """Description of the control law in a few words."""
     source: ClassVar[str]
-    """Source of the control law."""
+    """Where the control law comes from, for example a publication."""
     Parameters: ClassVar[type[Record] | None] = None
     no_loop: ClassVar[str] = "it is not linear"
     """Reason why the controller has no linear loop, which messages state after its name."""
@@ -193,7 +193,7 @@ class Controller(Record):
 
     @property
     def label(self) -> str:
-        """Name in reports."""
+        """Name of the controller in reports."""
         return self.name or self.kind
 
     def described(self) -> str:

@@ -15,10 +15,10 @@ from .sampled import Rule, run_period
 from .systems import PolynomialController, StateSpaceController, linear_controller
 
 SURE_SHARE = 0.8
-"""Initial torque and hand-over torque of a linear controller, as a share of the smallest brake torque needed.
+"""Ratio of the initial and hand-over torque of a linear controller to the brake torque at the least adhesion.
 
-This smallest torque is the brake torque at the operating point with the least adhesion. The other 20 % of it are a
-margin for the random force.
+The torque is 20 % lower than the brake torque at the operating point of least adhesion, as a margin for the random
+force.
 """
 
 

@@ -67,7 +67,7 @@ class Guard(Record):
     )
 
     class State(Record):
-        """What the guard remembers from sample to sample."""
+        """Values that the guard keeps from sample to sample."""
 
         status: float = quantity("1", "action at the last sample, as in `Status`", default=0.0)
         last_command: float = quantity("N*m", "command of the previous sample", default=0.0)

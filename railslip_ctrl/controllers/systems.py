@@ -1,4 +1,4 @@
-"""Linear controllers as systems, and the wheel-slip loop of a controller.
+"""Transfer functions of linear controllers, and the wheel-slip loop of a controller.
 
 The loop transfer function is L(s) = C(s) Ga(s) P(s). C is the controller, from the slip-velocity error
 e = lambda_d v - sigma to the commanded brake torque. Ga is the brake actuator with its dead time. P is the wheel, from

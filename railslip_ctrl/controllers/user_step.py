@@ -1,8 +1,8 @@
-"""Controllers given by a user's step: a Python object, a function, or a function compiled by Numba.
+"""Controllers whose control law is a user's object or function, in Python or compiled by Numba.
 
-The kernel calls the step by its address once a sample, with the time (s), the measured train speed (m/s) and the
-measured wheel speed (rad/s). The step returns the torque to command until the next sample, N*m. It is not compiled into
-the kernel.
+The simulation calls this function, the step, by its address once a sample, with the time (s), the measured train speed
+(m/s) and the measured wheel speed (rad/s). The step returns the torque to command until the next sample, N*m. The
+simulation is not compiled again for another step.
 """
 
 from __future__ import annotations

@@ -350,9 +350,9 @@ def random_torque_at(t, forces, p, a):
 def encoder(sample, turning, a, measured):
     """Return the wheel speed, rad/s, as measured by an encoder; `turning` is the true wheel speed, rad/s.
 
-    Each sample notes the last tooth that has passed, and the time at which it passed. The measured speed is the angle
-    between the teeth of two samples divided by the difference of their times. To compute the time of a tooth, the wheel
-    is assumed to have turned with its speed at the sample.
+    At each sample, the last tooth that has passed and its time are stored. The measured speed is the angle between the
+    teeth of two samples divided by the difference of their times. The time of a tooth is computed for a wheel that has
+    turned with the speed at the sample since then.
     """
     if sample == 0:
         measured[TRUE_TURNING], measured[READ] = turning, turning

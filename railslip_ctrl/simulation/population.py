@@ -89,8 +89,7 @@ def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
 def two_stage(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
     """Return a random adhesion curve similar to `one_hump`, on which adhesion falls beyond the peak and rises again.
 
-    The peak is at a slip ratio of 0.008 to 0.03. From slip ratio 0.25 on, mu is 0.7 to 1.1 times the peak value if the
-    plateau of the hump is not higher.
+    The peak is at a slip ratio of 0.008 to 0.03. At slip ratio 0.25, mu is 0.7 to 1.1 times the peak value.
     """
     slip, mu, a = _log_uniform(rng, 0.008, 0.03), rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0)
     plateau, w, again = rng.uniform(0.5, 0.95), _log_uniform(rng, 0.5, 6.0), rng.uniform(0.7, 1.1)

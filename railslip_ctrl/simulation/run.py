@@ -110,7 +110,7 @@ class Noise(NamedTuple):
     """Random numbers of a run, standard normal: ratios of force or sensor noise to its standard deviation.
 
     - force: numbers for the random force, in order of time, 1-D; each holds for `Disturbances.random_hold`.
-    - sensors: numbers for the noise of train speed and wheel speed, a row for each sample, (n, 2).
+    - sensors: numbers for the noise of train speed and wheel speed, array (n, 2) with a row for each sample.
     - seed: if the run is longer than these arrays, further random numbers are drawn from this seed.
     """
 
@@ -157,7 +157,7 @@ class Run:
     - max_torque_rate, rms_torque_rate: largest and root-mean-square rate of the acting torque, N*m/s.
     - steps: number of integration steps.
     - signals: time series; None if they were not recorded.
-    - controller_signals: states of the controller by name, each as an array over `signals.time`, in its unit.
+    - controller_signals: states of the controller by name, in their units, 1-D arrays of the length of `signals.time`.
     """
 
     scenario: Scenario

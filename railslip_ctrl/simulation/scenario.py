@@ -147,8 +147,8 @@ class Scenario(Record):
     [Park2008] p. 55.
 
     InputError: a value that is not allowed; a final speed that is not below the initial speed; a rate limit or dump lag
-    for a brake without lag; or a change of rail or adhesion factor at a time and another at a distance, unless each
-    such event sets both, because their order is not known.
+    for a brake without lag; or events whose order is not known. The order of events at a time and events at a distance
+    is not known; if both change the adhesion, each of them must set rail and adhesion factor.
     """
 
     name: str = Field(description="for reports")
@@ -244,7 +244,7 @@ class Scenario(Record):
 
 
 PUBLISHED_DISTURBANCES = Disturbances(random_force=RANDOM_FORCE, random_hold=0.02, caliper_fraction=0.05)
-"""Disturbances of [Park2008] p. 55; the paper does not state `random_hold`, which is fitted to its Table 5."""
+"""Disturbances of [Park2008] p. 55; `random_hold` is fitted so that results agree with Table 5 of the paper."""
 
 
 @checked
@@ -308,7 +308,9 @@ BUILT_IN = ("park2008", "park2008-si", "stop")  #: names of the scenarios that c
 
 @checked
 def built_in_scenario(name: str) -> Scenario:
-    """Return a built-in scenario by its name in `BUILT_IN`: the published run as published or in SI, or a plain stop.
+    """Return a built-in scenario by its name in `BUILT_IN`: "park2008", "park2008-si" or "stop".
+
+    The first two are the results of `published_scenario`, as published and in SI; the third is that of `stop`.
 
     InputError for another name; the message lists the names.
     """

@@ -404,7 +404,7 @@ def execute(
 # --- workers --------------------------------------------------------------------------------------------------------
 
 Work = Callable[[Any, Any, str], Any]
-"""Function that a worker process calls: its arguments are the data common to all tasks, a task, and the version."""
+"""Function that a worker process calls with the data common to all tasks, a task, and the version of the package."""
 
 Workers = tuple[Callable[[Any], "Future[Any]"], int]
 """Function that submits a task, and how many submitted tasks keep every worker process busy."""

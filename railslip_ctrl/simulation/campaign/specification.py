@@ -1,6 +1,6 @@
 """Definition of a campaign: a scenario, controllers, quantities with distributions, a number of runs and a seed.
 
-In a TOML file a quantity is a number in SI or text with a unit.
+In a campaign file, a value is a number in SI units, or text with a unit.
 """
 
 from __future__ import annotations
@@ -38,8 +38,7 @@ T = TypeVar("T")
 MOST_RUNS = 10**9  #: largest number of runs of a campaign
 LARGEST_SEED = 2**63 - 1  #: largest seed of a campaign
 CUT = 4.0
-"""Standard deviations from the mean at which a normal distribution is cut off by default; all values are then finite.
-"""
+"""Number of standard deviations from the mean at which a normal distribution is truncated by default."""
 
 _FARTHEST = 8.0  # standard deviations; bounds farther out leave a probability below 1e-15 and are refused as a mistake
 _LISTED = 200  # number of characters of the list of paths in a message

@@ -3,9 +3,9 @@
 A point is a vector of all inputs. A limit state is a function that maps points, (n, inputs), to values, (n,), which may
 be infinite. The event is a value above the `threshold`.
 
-Subset simulation reaches the event in levels ([Au2001]). The points of a level have values of at least the threshold of
-this level, which about a tenth of the points of the level before has. Starting from this tenth, Markov chains produce
-the other points of the level (adaptive conditional sampling, [Papaioannou2015]). The function `pilot` chooses the
+Subset simulation reaches the event in levels ([Au2001]). All points of a level have values of at least its threshold.
+About a tenth of the points of one level reach the threshold of the next level. From this tenth, Markov chains produce
+the other points of the next level (adaptive conditional sampling, [Papaioannou2015]). The function `pilot` chooses the
 thresholds and the steps of the chains. All repeats use the same thresholds and steps, so that each repeat is an
 unbiased estimate.
 """
@@ -81,8 +81,8 @@ class Sampled(NamedTuple):
 def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smallest: float, count: int) -> Levels:
     """Choose thresholds and steps of levels with decreasing probability, with `count` points in each level.
 
-    The last level is that from which the event is reached, or whose probability is about `smallest`. The search ends
-    early if all points have the same value.
+    The search ends when at least a tenth of the points of the last level have the event, when the probability of the
+    last level is about ten times `smallest`, or when all points have the same value.
     """
     points = rng.standard_normal((count, inputs))
     values, reached, step, thresholds, steps = limit_state(points), 1.0, 0.8, list[float](), list[float]()
