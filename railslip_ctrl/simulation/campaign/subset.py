@@ -227,7 +227,7 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 
 def repeated(found: Repeat) -> float:
-    """Return the share of the new points of a level whose finite value occurs several times in this level.
+    """Return the share of the new points of a level whose finite value another point of this level already has.
 
     It is that of the level in which it is largest. The share is 0 if the values are distributed continuously.
     """
