@@ -1,7 +1,8 @@
 """How well does the seeking controller work on vehicles and rails for which it was not tuned?
 
-It is compared with slide protection, which does not know the rail either, and with the best linear design: a PI-lead that
-knows vehicle, adhesion law and slip of the peak. Its reference is 80 % of this slip, and it has the largest ki with Ms <= 2.
+It is compared with slide protection, which does not know the rail either, and with the best linear design: a PI-lead
+that knows vehicle, adhesion law and slip of the peak. Its reference is 80 % of this slip, and its ki is the largest
+with Ms <= 2.
 
 Each seed gives a random vehicle and a random rail. Each stop, from 100 to 5 km/h, is compared with the attainable stop,
 or with the clairvoyant stop if the rail changes during the stop. In the second half of the table, every second stop has
@@ -83,7 +84,7 @@ def stops_of(seed: int, family: str = "one hump") -> list[Stop]:
 
 
 def controller(name: str, scenario: Scenario) -> Controller:
-    """Return a controller for the assumed vehicle of a stop; the PI-lead is also designed for the stop's adhesion law."""
+    """Return a controller for the assumed vehicle of a stop; the PI-lead also knows the adhesion law."""
     if name != CONTROLLERS[2]:
         return (rs.Seeking if name == CONTROLLERS[0] else rs.SlideProtection).for_vehicle(scenario.believed_vehicle)
     return _pi_lead(scenario.believed_vehicle, scenario.adhesion)

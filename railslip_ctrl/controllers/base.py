@@ -1,8 +1,9 @@
-"""Base class of all kinds of controllers.
+"""Base class of all controllers.
 
-A kind of controller is one class in one file, of this package or of the user. The class has the parameters as fields,
-the state as a record, and the control law as a function `step`. The package derives everything else from the class:
-TOML file, options, kernel of a braking run, C99 program, label in reports, verdict over an envelope.
+A kind of controller is one class, defined by this package or by the user. The fields of the class are the parameters of
+the controller, its record `State` is the memory, and its static method `step` is the control law. From this class the
+package derives the TOML file, the command-line options, the compiled simulation, the C99 program, the label in reports
+and the verdict over an envelope.
 """
 
 from __future__ import annotations
@@ -61,9 +62,10 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True)
 class Situation:
-    """Conditions of a step: the `rail`, the sampling `period` (s), and the `assumed` adhesion law.
+    """Conditions on which the parameters of `step` depend: `rail`, sampling `period` (s), `assumed` adhesion law.
 
-    Outside a run, `assumed` is None for a controller without an adhesion law of its own.
+    In a braking run, `assumed` is the law that the controller sets, or else the law of the run. Without a run (C or
+    Python program) it is None if the controller sets no law.
     """
 
     rail: Rail
@@ -84,17 +86,21 @@ _ASSUMED: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
         "nominal_viscous_friction": lambda vehicle: vehicle.wheel.viscous_friction,
     }
 )
-"""Fields for the vehicle parameters that a controller assumes, each with a function that reads it from a vehicle."""
+"""For each field that is an assumed vehicle parameter, a function that returns its value for a vehicle."""
 
 
 _NOT_TUNED = {*_ASSUMED, "period", "tracking_time", "torque_min", "torque_max"} | {
     *("initial_torque", "hand_over_torque", "hand_over_speed")
 }
-"""Fields that are not design numbers: assumed vehicle parameters, period, limits, start and hand-over."""
+"""Fields that a user does not tune.
+
+These are the assumed vehicle parameters, the sampling period, the tracking time of the anti-windup, the torque limits,
+the initial torque, and speed and torque of the hand-over.
+"""
 
 
 class DesignNumber(NamedTuple):
-    """A number that a user tunes: its name, value, unit, meaning, and upper bound `most`."""
+    """A number that a user tunes: its name, value, unit and meaning, and the largest value `most` that is allowed."""
 
     name: str
     value: float
@@ -104,31 +110,32 @@ class DesignNumber(NamedTuple):
 
 
 class Controller(Record):
-    """Base of the controller kinds.
+    """Base class of the controllers.
 
-    A kind defines `kind`, `title`, `source`, its parameters (fields made by `quantity`) and the static method `step`.
-    If it has a memory, it also defines `State`, a record whose defaults are the initial values. If `step` needs other
-    numbers than the fields, the kind defines `Parameters`, a record of these numbers, and the method `parameters`.
+    A derived class defines `kind`, `title`, `source`, its parameters (fields made by `quantity`) and the static method
+    `step`. A controller with memory also defines `State`, a record whose defaults are the initial values. If `step`
+    reads numbers that are computed from the fields, the class also defines `Parameters`, a record of these numbers, and
+    the method `parameters`, which computes them.
     """
 
     kind: ClassVar[str]
-    """Name in files, on the command line and in tables."""
+    """Name of this kind of controller in files, on the command line and in tables."""
     title: ClassVar[str]
-    """Description in one line."""
+    """Description of the control law in a few words."""
     source: ClassVar[str]
-    """Source of the control law."""
+    """Where the control law comes from, for example a publication."""
     Parameters: ClassVar[type[Record] | None] = None
     no_loop: ClassVar[str] = "it is not linear"
-    """Reason why the controller has no linear loop, as a text for messages."""
+    """Reason why the controller has no linear loop, which messages state after its name."""
     follows_reference: ClassVar[bool] = True
     """Whether the controller tracks `reference`; otherwise `reference` is optional and only used to judge the slip."""
     by_rule: ClassVar[bool] = False
-    """Whether `for_vehicle` needs only the vehicle, so that `--controller` accepts the name of the kind."""
+    """Whether `for_vehicle` computes all parameters from the vehicle; `--controller` then accepts the kind's name."""
     finds_slip: ClassVar[bool] = False
-    """Whether the controller searches for its reference slip during the run; see `held_slip`."""
+    """Whether the controller searches for its reference slip during the run; `held_slip` returns the expected slip."""
 
     class State(Record):
-        """State of a controller; without fields for a controller without memory."""
+        """State of a controller; a controller without memory has no fields here."""
 
     name: str = Field("", description="name in reports; the kind's name if left out")
     period: float | None = quantity(
@@ -151,8 +158,8 @@ class Controller(Record):
 
         - state: has the fields of `State`.
         - measurement: has the fields of `Measurement`.
-        - parameters: has the fields of `Parameters` (of the controller if `Parameters` is None), and also `period` (s)
-          and `reference_slip` (ratio).
+        - parameters: has the fields of `Parameters` or, if the class defines no `Parameters`, the fields of the
+          controller; also `period` (sampling period, s) and `reference_slip` (ratio).
         """
         raise NotImplementedError
 
@@ -169,22 +176,28 @@ class Controller(Record):
         }
 
     def start(self, speed: float, period: float) -> Any:
-        """State when the brake is applied at a train speed, m/s; `period` is the sampling period, s."""
+        """Initial state of the controller, when the brake is applied at a train speed, m/s.
+
+        `period` is the sampling period, s.
+        """
         return self.State()
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
-        """Numbers that `step` reads in a `situation`, by name, SI; without `period` and `reference_slip`."""
+        """Values, SI, of the parameters that `step` reads in a `situation`, by name.
+
+        Sampling period and reference slip are not included.
+        """
         return {name: getattr(self, name) for name in self.parameter_fields()}
 
     # --- description ---
 
     @property
     def label(self) -> str:
-        """Name in reports."""
+        """Name of the controller in reports."""
         return self.name or self.kind
 
     def described(self) -> str:
-        """Text of the label and the parameters, in one line."""
+        """One line with the label and the parameters."""
         parameters = (
             f"{name.replace('_', ' ')} {getattr(self, name):.6g}{'' if unit == '1' else f' {unit}'}"
             for name, unit in self.units().items()
@@ -193,11 +206,11 @@ class Controller(Record):
         return ", ".join([self.label, *parameters])
 
     def limits_described(self) -> str:
-        """Text of the torque limits, the initial torque and the anti-windup, in one line."""
+        """One line with the torque limits and, for controllers that have them, initial torque and anti-windup."""
         return f"torque {torque_range(self.least_torque, self.largest_torque)}"
 
     def gain_values(self) -> dict[str, Any]:
-        """Parameters by name, for JSON; the name of a quantity with a unit ends in "_si"."""
+        """Parameters by name, for JSON output; "_si" is appended to the name of a parameter that has a unit."""
         return {
             name if unit == "1" else f"{name}_si": getattr(self, name)
             for name, unit in self.units().items()
@@ -218,23 +231,27 @@ class Controller(Record):
 
     @property
     def controlled_from(self) -> float:
-        """Train speed, m/s, below which the controller commands a torque without slip control; 0: never."""
+        """Train speed, m/s, below which the controller commands a torque without slip control.
+
+        0 if the controller controls the slip at all speeds.
+        """
         return float(getattr(self, "hand_over_speed", 0.0))
 
     def headline(self) -> str:
-        """Name with the most important numbers, for the first page of a report."""
+        """Name of the controller with its most important numbers, for the first page of a report."""
         return self.title
 
     def handed_over(self) -> str:
-        """Text of the torque that the controller commands below `controlled_from`."""
+        """Description, in words, of the torque that the controller commands below the speed `controlled_from`."""
         return f"{getattr(self, 'hand_over_torque', 0.0):.4g} N·m"
 
     # --- design ---
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Numbers that a user tunes: first kp and ki, then fields that the kind itself defines, then inherited fields.
+        """Parameters that a user tunes.
 
-        Assumed vehicle parameters, period, limits, start and hand-over are left out.
+        First come kp and ki, then the other fields that the class itself defines, then inherited fields. The fields in
+        `_NOT_TUNED` are left out.
         """
         inherited = {name for base in type(self).__mro__[1:] for name in getattr(base, "model_fields", ())}
         shaped = [n for n in self.units() if n not in _NOT_TUNED and isinstance(getattr(self, n), float)]
@@ -252,7 +269,7 @@ class Controller(Record):
         - values: new design numbers by name, in the units of `design_numbers`.
         - others: new values of other fields.
 
-        InputError as for a new controller.
+        InputError for a value that the class does not allow.
         """
         try:
             return type(self)(**{**dict(self), **values, **others})
@@ -261,14 +278,17 @@ class Controller(Record):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Make the controller for a vehicle by the rule of its kind; `given` parameters replace those of the rule.
+        """Make the controller for a vehicle: the class computes the parameters that are not `given` by its own rule.
 
-        InfeasibleDesignError, with the reason, if the rule gives no controller for the vehicle.
+        InfeasibleDesignError, with the reason, if the class cannot compute its parameters for the vehicle.
         """
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy that assumes the parameters of a `vehicle` where its own are None or equal those of vehicle `before`."""
+        """Copy whose assumed vehicle parameters are replaced by those of a `vehicle`.
+
+        A parameter is replaced only if it is None or has the value of the vehicle `before`; other values are kept.
+        """
         changed = {}
         for name in _ASSUMED.keys() & type(self).model_fields.keys():
             now, was = _ASSUMED[name](vehicle), None if before is None else _ASSUMED[name](before)
@@ -277,80 +297,102 @@ class Controller(Record):
         return self.model_copy(update=changed) if changed else self
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """Linear system from slip error (m/s) to torque (N*m) at an operating point; None if there is none."""
+        """Linear system from slip error (m/s) to torque (N*m) at an operating point.
+
+        None if the controller is not linear.
+        """
         return None
 
     def loop(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """Exact loop at an operating point with an `actuator`; None if `linear` gives the loop."""
+        """Exact loop at an operating point with an `actuator`.
+
+        None if the loop is to be computed from the linear system that the method `linear` returns.
+        """
         return None
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float | None:
-        """Slip ratio at which to judge the loop, for an adhesion `law`, a train `speed`, m/s, and a `wheel_load`, N.
+        """Slip ratio that the controller holds on an adhesion `law` at a train `speed`, m/s, and a `wheel_load`, N.
 
-        None if the loop is judged at the reference slip.
+        Stability and margins are computed at this slip ratio. None if they are computed at the reference slip.
         """
         return None
 
     def slip_numbers(self) -> tuple[Any, ...]:
-        """Parameters on which `held_slip` and `speeds_to_judge` depend."""
+        """Parameters that determine the results of `held_slip` and `speeds_to_judge`, as a key for a cache."""
         return (self.model_dump_json(),)
 
     def speeds_to_judge(self) -> tuple[float, ...]:
-        """Train speeds, m/s, at which the loop changes; they are judged in addition to the speeds of an envelope."""
+        """Train speeds, m/s, at which the control law changes.
+
+        Stability and margins are computed at these speeds in addition to the speeds of the envelope.
+        """
         return ()
 
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]
     ) -> tuple[Any, Any] | None:
-        """Stability and Ms of the sampled loop in n cases, Ms inf if unstable; None if `linear` gives the loop.
+        """Stability and Ms of n sampled loops; Ms is inf for an unstable loop.
 
-        - case: for each case its index in `points` and its index in `brakes`, (n,) each.
+        - points, brakes: operating points and actuators.
+        - case: two index arrays, (n,) each: loop i has operating point case[0][i] and actuator case[1][i].
+
+        None if the loops are to be computed from the linear system that the method `linear` returns.
         """
         return None
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """Sampled loop at an operating point with an `actuator`; None if `linear` gives the loop."""
+        """Sampled loop at an operating point with an `actuator`.
+
+        None if the loop is to be computed from the linear system that the method `linear` returns.
+        """
         return None
 
     # --- functions and numbers outside the step ---
 
     def assuming(self, law: AdhesionLaw) -> Self:
-        """Copy that assumes the adhesion `law`, if the controller needs a law and has none of its own."""
+        """Copy that assumes the adhesion `law`.
+
+        A controller that needs no adhesion law, or that sets one itself, is returned unchanged.
+        """
         return self
 
     @classmethod
     def outside_functions(cls, model: type[AdhesionLaw] | None) -> Mapping[str, Callable[..., Any]]:
-        """Python functions, by name, that replace those marked as `outside` in the module of the step.
+        """Python functions, by name, that `step` calls instead of the functions marked as `outside` in its module.
 
-        With a `model`, they include the functions of this adhesion law; `outside_text` defines the others.
+        If `model`, the assumed adhesion law, is not None, the functions of this law are included. In the compiled
+        simulation, `outside_text` defines the functions that are not included here.
         """
         return {}
 
     def outside_numbers(self, situation: Situation) -> Mapping[str, Any]:
-        """Parameters, by name, that only the functions of the assumed adhesion law read, in a `situation`."""
+        """Parameters, by name, that only the functions of the assumed adhesion law read in a `situation`."""
         return {}
 
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
-        """Step with all functions that it calls, as used in Python and in the C program."""
+        """The method `step`, in which the functions marked as `outside` are replaced by their Python definitions."""
         model = None if self.model_law is None else type(self.model_law)
         return with_functions(type(self).step, self.outside_functions(model))
 
     @classmethod
     def described_in(cls) -> tuple[type, ...]:
-        """Classes whose fields give meaning, unit and bounds of states and parameters, in order of priority."""
+        """Classes whose fields give meaning, unit and bounds of states and parameters.
+
+        If several classes have a field of the same name, the first class counts.
+        """
         return tuple(owner for owner in (getattr(cls, "State", None), cls.Parameters, cls) if owner is not None)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Lines for the head of the C program: assumptions, and conditions that are not met."""
+        """Lines for the first comment of the C program: assumptions, and required conditions that are not met."""
         return ()
 
     # --- a braking run ---
 
     @property
     def model_law(self) -> AdhesionLaw | None:
-        """Adhesion law that the controller assumes; None for the law of the run."""
+        """Adhesion law that the controller assumes; None if it assumes the adhesion law of the braking run."""
         return None
 
     @property
@@ -360,15 +402,21 @@ class Controller(Record):
 
     @classmethod
     def outside_text(cls, model: type[AdhesionLaw] | None) -> str:
-        """Kernel text of the functions marked as `outside` that the step calls; `model` is the assumed law."""
+        """Source text, for the compiled simulation, of the functions marked as `outside` that `step` calls.
+
+        `model` is the assumed adhesion law; None for the law of the braking run.
+        """
         return ""
 
     def source_text(self) -> str:
-        """Kernel text that defines `command`, the step of the controller."""
+        """Source text, for the compiled simulation, of the function `command`, the translated method `step`."""
         return _source_text(type(self), None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
-        """Numbers that a kernel reads: reference slip, then the parameters in a `situation`; `state`: initial state."""
+        """Numbers of the controller for the compiled simulation: reference slip, then the parameters in a `situation`.
+
+        `state` is the initial state of the controller; only the lengths of its arrays are used.
+        """
         slip = math.nan if self.reference is None else self.reference.on(situation.rail)
         values = {**self.parameters(situation), "period": situation.period, "reference_slip": slip}
         layout = layout_of(type(self))
@@ -377,13 +425,13 @@ class Controller(Record):
 
     @classmethod
     def flat(cls, state: Any) -> list[float]:
-        """Numbers of a `state` as a list, in the order of a kernel's state array."""
+        """Numbers of a `state` as a list, in the order that the compiled simulation uses."""
         layout = layout_of(cls)
         arrays = (number for name in layout.state_arrays for number in getattr(state, name))
         return [*(float(getattr(state, name)) for name in layout.state), *map(float, arrays)]
 
     def logged(self, state: Any) -> dict[str, int]:
-        """Names of the state's numbers that a run records, and their indices in `flat`."""
+        """Names of the state variables that a run records, and their indices in the list of `flat`."""
         layout = layout_of(type(self))
         arrays = (f"{name}_{i}" for name in layout.state_arrays for i in range(len(getattr(state, name))))
         return {name: place for place, name in enumerate((*layout.state, *arrays))}
@@ -443,7 +491,7 @@ class Controller(Record):
         return "\n".join([*lines, *tables]) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write the controller to a TOML file at a `path`; every command and `load_controller` read it.
+        """Write the controller to a TOML file at a `path`, which the commands and `load_controller` can read.
 
         InputError if the file cannot be written.
         """
@@ -455,7 +503,10 @@ class Controller(Record):
 
 
 def python_file(kind: type[Controller]) -> str | None:
-    """Name of the Python file of a user's kind; None for a kind of the package, or defined at a prompt."""
+    """Name of the Python file that defines a user's controller class.
+
+    None for a class of this package, or for a class that was defined interactively.
+    """
     if kind.__module__.startswith(f"{__package__}."):
         return None
     try:
@@ -465,7 +516,7 @@ def python_file(kind: type[Controller]) -> str | None:
 
 
 def _rebuilt(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: dict[str, Any]) -> Controller:
-    """Rebuild a pickled controller whose kind cannot be imported."""
+    """Rebuild a pickled controller whose class cannot be imported."""
     from numba import cloudpickle
 
     made: type[Controller] = cloudpickle.loads(kind)
@@ -474,11 +525,11 @@ def _rebuilt(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: di
 
 
 _RECEIVED: dict[tuple[type[Controller], type[AdhesionLaw] | None], str] = {}
-"""Kernel texts of kinds that another process has defined, by kind and assumed adhesion law."""
+"""Source texts of controller classes that another process sent, by class and type of the assumed adhesion law."""
 
 
 def torque_range(least: float, most: float) -> str:
-    """Range of torques, N*m, as text without infinite ends."""
+    """Return text for the torque range from `least` to `most`, N*m; an infinite limit is left out."""
     low = f"at least {least:g} N·m" if math.isfinite(least) else ""
     high = f"at most {most:g} N·m" if math.isfinite(most) else ""
     return " and ".join(filter(None, (low, high))) or "unlimited"
@@ -502,7 +553,7 @@ def _toml(value: Any) -> str:
 
 @cache
 def layout_of(kind: type[Controller]) -> Layout:
-    """Indices of the fields of a kind in a kernel's arrays."""
+    """Return where the compiled simulation stores the states and parameters of a controller class in its arrays."""
     parameters, state = kind.parameter_fields(), kind.state_fields()
     arrays = tuple(name for name, hint in parameters.items() if get_origin(hint) is tuple)
     scalars = (*(name for name in parameters if name not in arrays), "period", "reference_slip")

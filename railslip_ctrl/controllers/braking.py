@@ -1,4 +1,4 @@
-"""Conversion of any linear system to a controller for braking runs."""
+"""Makes a controller for braking runs from any linear system."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ from .sampled import Rule, run_period
 from .systems import PolynomialController, StateSpaceController, linear_controller
 
 SURE_SHARE = 0.8
-"""Initial and hand-over torque of a linear controller, relative to the brake torque at the point of least adhesion.
+"""Ratio of the initial and hand-over torque of a linear controller to the brake torque at the least adhesion.
 
-The other 20 % are a margin for the random force.
+The torque is 20 % lower than the brake torque at the operating point of least adhesion, as a margin for the random
+force.
 """
 
 
 def linear_control(system: Any, **fields: Any) -> LinearControl:
-    """Return a controller of the kind PI, transfer function or state space for a linear system.
+    """Return a linear system as a controller: `PI` or a derived class, `TransferFunction` or `StateSpace`.
 
-    It is sampled by Tustin's rule every 10 ms, or at the system's own period; `fields` may set another rule and period.
-    InputError if `system` is not linear.
+    By default Tustin's rule converts the system to difference equations, with the sampling period of `run_period`.
+    `fields` are further fields of the controller, for example another rule or period. InputError if `system` is not
+    linear.
     """
     design = linear_controller(system)
     kind = fields.pop("kind", None)
@@ -48,10 +50,13 @@ def braking_control(
     period: float | None = None,
     **fields: Any,
 ) -> LinearControl:
-    """Return the controller of a linear system for some operating points, with torque between 0 and the full brake.
+    """Return a linear system as a controller whose torque is limited to the range from 0 to the full brake.
 
-    The initial torque is `SURE_SHARE` of the brake torque at the point of least adhesion. Below `hand_over_kmh` (km/h;
-    0: never) the controller commands this torque without slip control.
+    - system: linear system from slip error (m/s) to torque (N*m).
+    - points: operating points of the stop. The initial torque is `SURE_SHARE` of the smallest of their brake torques.
+    - reference, name, period: reference slip, name, and sampling period, s, of the controller.
+    - hand_over_kmh: speed, km/h, below which the controller commands the initial torque without slip control; 0: none.
+    - fields: further fields of the controller.
     """
     sure = SURE_SHARE * min(point.brake_torque for point in points)
     vehicle = points[0].vehicle

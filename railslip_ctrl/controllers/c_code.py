@@ -1,8 +1,9 @@
-"""Export of a controller with its guard as C99, a header and a source file, from the Python functions that runs use.
+"""Writes a controller and its guard as C99, in a header and a source file.
 
-Fields of the records become fields of structures. The functions of the step and of `guard` become C functions
-(`c_function`). All numbers are double, or float if `..._FLOAT32` is defined. `law_program` prints a generated
-sliding-mode law in the same form, without the numbers of a controller.
+The C functions are translations (`c_function`) of the Python functions that simulations call: the controller's `step`,
+the functions that it calls, and those of `guard`. The fields of state and parameters become fields of C structures. All
+numbers are double, or float if `..._FLOAT32` is defined. `law_program` writes a generated sliding-mode law in the same
+form, but without values of its parameters.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ if TYPE_CHECKING:
     from railslip_ctrl.sliding.code import LawCode
 
 _PREFIX = "slip_"
-"""Prefix of the names of the step's functions, which may otherwise equal names in the program or in C."""
+"""Prefix of the C functions translated from `step`, so that their names differ from other names in the program."""
 _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 @dataclass(frozen=True)
 class CProgram:
-    """C program of a controller: texts of the header and the source file, and the prefix of all names in them."""
+    """C program of a controller: text of the header file, text of the source file, and prefix of all public names."""
 
     header: str
     source: str
@@ -53,7 +54,13 @@ class CProgram:
 
 @dataclass(frozen=True)
 class Member:
-    """Field of a C structure: name, meaning with unit, conditions on the value, length if it is an array, value."""
+    """Field of a C structure.
+
+    - name, comment: name, and meaning with unit.
+    - rules: C conditions on the value, which is written {} in them.
+    - length: number of elements of an array; None for a single number.
+    - value: default or initial value.
+    """
 
     name: str
     comment: str
@@ -63,12 +70,12 @@ class Member:
 
     @property
     def declaration(self) -> str:
-        """Declaration in a structure."""
+        """Name, with length if it is an array, as declared in the C structure."""
         return f"{c_name(self.name)}{'' if self.length is None else f'[{max(self.length, 1)}]'};"
 
     @property
     def initialiser(self) -> str:
-        """Initialiser: a number, or a list of numbers."""
+        """C text of the value: a number, or a list in braces."""
         if self.length is None:
             return _real(self.value)
         return "{" + ", ".join(map(_real, self.value or (0.0,))) + "}"
@@ -77,16 +84,16 @@ class Member:
 def c_program(
     control: Controller, vehicle: Vehicle, *, name: str = "", rail: Rail = Rail.DRY, notes: Iterable[str] = ()
 ) -> CProgram:
-    """Return a controller with its numbers as C99.
+    """Return a controller as a C99 program whose default parameters are the numbers of the controller.
 
     - control: a controller.
-    - vehicle: vehicle for the parameters that the controller does not set; its name is in the header.
+    - vehicle: vehicle whose wheel, brake and load the controller assumes where it sets no values itself.
     - name: name of the two files, without ending; by default the controller's label.
-    - rail: rail condition for the reference slip in the default parameters.
+    - rail: the default reference slip is that for this rail.
     - notes: lines for the comment at the top of the header.
 
-    InputError: a controller given as a Python object or function with a step, or a controller without an adhesion law
-    or reference slip that it needs.
+    InputError if the controller is a user's Python object or function, or if it lacks an adhesion law or a reference
+    slip that it needs.
     """
     control = control.believing(vehicle)
     period = PERIOD if control.period is None else control.period
@@ -102,14 +109,15 @@ def c_program(
 
 
 LAW_INPUTS = {"v": "train_speed", "omega": "wheel_speed", "Ta": "adhesion_torque"}
-"""Names in C of the arguments of the generated law's step."""
+"""C names of the arguments of the generated law's step function."""
 
 
 def law_program(code: LawCode, *, name: str = "asmc") -> CProgram:
-    """Return a generated sliding-mode law with its guard as C99; `name` is that of the two files, without ending.
+    """Return a generated sliding-mode law and its guard as a C99 program.
 
-    The user of the program sets the parameters: their defaults are zero, and init rejects most zeros. The parameters of
-    an adhesion file are macros in the header.
+    The parameters have no useful defaults: the defaults are zero, and the C function init rejects most zeros, so that
+    the user of the program must set the parameters. If the law was generated from an adhesion file, the adhesion
+    parameters of this file are macros in the header. `name` is the name of the two files, without ending.
     """
     law = module_of(code.python)
     step = read_step(law.law_step, {"state": STATE, "p": PARAMETERS})
@@ -139,10 +147,12 @@ def _program(
 ) -> CProgram:
     """Return the C program of a controller's step.
 
-    - state, law: members of the structures for the state and the parameters of the step.
+    - name: name of the files.
+    - step: control law, read from its Python source.
+    - state, law: fields of the C structures for the state and for the parameters of the control law.
     - guard: parameters of the guard by name.
-    - head: function that returns the lines of the comment at the top, for an operation count.
-    - adhesion: initialisers for the parameters of an adhesion law, by rail.
+    - head: function that returns the lines of the first comment; its argument is the number of operations of a sample.
+    - adhesion: C initialisers of the parameters of an adhesion law, by rail.
     """
     prefix = f"railslip_{_stem(name)}"
     limits = [Member(field, *_described((Guard,), field), value=value) for field, value in guard.items()]
@@ -191,7 +201,10 @@ def _stem(name: str) -> str:
 
 
 def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]]) -> tuple[list[str], Any]:
-    """Return the functions as texts in order, and a function that counts a sample's operations for a loop length."""
+    """Return the texts of all C functions, and a function that returns the number of operations of a sample.
+
+    The argument of this function is the number of iterations that it assumes for a loop without a fixed end.
+    """
     measured = {MEASUREMENT: f"{prefix}_measurement"}
     lengths = {
         (role, member.name): member.length
@@ -217,7 +230,7 @@ def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]])
 
 
 def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable[[float], Any]) -> list[Member]:
-    """Return the members of the state with their initial values; "train_speed" stands for the initial train speed."""
+    """Return the fields of the C structure of the state; an initial value "train_speed" is the initial train speed."""
     slow, fast = start(1.0), start(2.0)
     members = []
     for name in names:
@@ -235,7 +248,7 @@ def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable
 
 
 def _parameter_members(control: Controller, step: Function, values: Mapping[str, Any]) -> list[Member]:
-    """Return the members of the C structure of parameters: those that the function `step` reads, with their values."""
+    """Return the fields of the C structure of parameters: only the parameters that `step` reads, with their values."""
     read = {
         node.attr
         for function in step.all().values()
@@ -256,13 +269,14 @@ _OF_EVERY_STEP = {
     "period": ("sampling period, s", (f"{{}} >= REAL({LEAST_PERIOD})",)),
     "reference_slip": ("reference slip ratio, 1", ("{} > REAL(0.0)", "{} < REAL(1.0)")),
 }
-"""Meaning and bounds of the parameters that every step has."""
+"""Meaning and bounds of the parameters that every controller has."""
 
 
 def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]:
-    """Return the meaning of a field with unit, and its bounds as conditions on {}; empty if no owner has the field.
+    """Return the meaning of a field with its unit, and its bounds as C conditions, in which {} is the value.
 
-    An owner is a record, or a class of a generated law, whose annotations have meaning and bounds.
+    The first of the classes `owners` that has the field describes it; without one, meaning and bounds are empty. An
+    owner is a record class, or a class of a generated law, whose annotations contain meaning and bounds.
     """
     if name in _OF_EVERY_STEP:
         return _OF_EVERY_STEP[name]
@@ -282,7 +296,7 @@ def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]
 
 
 def _checks(part: str, members: list[Member]) -> Iterator[tuple[str, int | None, tuple[str, ...]]]:
-    """Yield for each member its C expression, its length, and the conditions that `init` checks."""
+    """Yield for each parameter its C expression, its length, and the conditions that the C function init checks."""
     for member in members:
         text = f"parameters->{part}.{c_name(member.name)}"
         finite = f"is_finite({text}{'' if member.length is None else '[i]'})"

@@ -1,4 +1,7 @@
-"""Translate the step of a controller, or a function that it calls, to C99 with one `return` and `const` variables."""
+"""Translates a controller's `step`, or a function that it calls, from Python to C99.
+
+Each C function has one `return`. Variables that are assigned once are `const`.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,12 @@ def c_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Structures:
-    """C types of structures by role (state, parameters), lengths of arrays by role and field, prefix of functions."""
+    """Names and sizes that the C functions use.
+
+    - types: name of the C structure for each role: state, measurement, parameters.
+    - lengths: number of elements of each array field, by role and name of the field.
+    - prefix: first part of the names of the C functions.
+    """
 
     types: Mapping[str, str]
     lengths: Mapping[tuple[str, str], int] = field(default_factory=dict)
@@ -57,7 +65,7 @@ def writes_state(function: Function) -> bool:
 
 
 class CFunction:
-    """C function of a Python function: `head` is the declaration, `text` the whole function."""
+    """C translation of a Python function: `head` is its declaration, `text` the whole C function."""
 
     def __init__(self, function: Function, structures: Structures) -> None:
         self._function, self._structures = function, structures
@@ -77,7 +85,7 @@ class CFunction:
 
     @property
     def head(self) -> str:
-        """Declaration: result type, name and arguments."""
+        """C declaration: type of the result, name and arguments."""
         function, arguments = self._function, []
         for name in function.arguments:
             role = function.roles.get(name)
@@ -111,7 +119,7 @@ class CFunction:
 
     @property
     def _outputs(self) -> list[str]:
-        """Names of the output arguments, if the function returns several numbers."""
+        """Names of the pointer arguments through which a C function returns several numbers; else empty."""
         return [f"{self._result}{i}_out" for i in range(self._values)] if self._values > 1 else []
 
     # --- names ---
@@ -176,7 +184,7 @@ class CFunction:
         return False
 
     def _declared_at_once(self) -> Iterator[ast.stmt]:
-        """Yield assignments that can be `const` declarations: names assigned once and used in one block only."""
+        """Yield assignments that can be `const` declarations: each name is assigned once and used in one block only."""
         uses: dict[str, int] = {}
         stores: dict[str, int] = {}
         for node in self._walk():
@@ -273,27 +281,27 @@ class CFunction:
     # --- expressions ---
 
     def _bare(self, node: ast.expr, real: bool = False) -> str:
-        """Return the text of an expression without outer brackets."""
+        """Return the C text of an expression without outer brackets."""
         text = self._text(node, real)
         inner = isinstance(node, ast.BinOp | ast.BoolOp | ast.Compare | ast.IfExp)
         return text[1:-1] if inner and text.startswith("(") and not text.startswith("(real)") else text
 
     def _whole(self, node: ast.expr) -> str:
-        """Return the text of an index or of the end of a loop."""
+        """Return the C text of an expression as an integer, for an index or the end of a loop."""
         return self._bare(node) if self._is_whole(node) else f"(int){self._text(node, True)}"
 
     def _truth(self, node: ast.expr) -> str:
-        """Return the text of an expression that is used as a condition."""
+        """Return the C text of an expression that is used as a condition."""
         if isinstance(node, ast.BoolOp):
             return f"({f' {_OPERATORS[type(node.op)]} '.join(map(self._truth, node.values))})"
         return f"!({self._condition(node.operand)})" if _is_not(node) else self._text(node)
 
     def _condition(self, node: ast.expr) -> str:
-        """Return the text of a condition as `_truth` does, without outer brackets."""
+        """Return the C text of a condition without outer brackets."""
         return self._truth(node)[1:-1] if isinstance(node, ast.BoolOp) else self._bare(node)
 
     def _chosen(self, node: ast.BoolOp) -> str:
-        """Return the text of `and` or `or` used as a value, which is one of the operands."""
+        """Return the C text of an `and` or `or` whose value is used: in Python the value is one of the operands."""
         if _is_truth(node):
             return self._truth(node)
         as_real = not self._is_whole(node)
@@ -304,7 +312,10 @@ class CFunction:
         return text
 
     def _text(self, node: ast.expr, real: bool = False) -> str:
-        """Return the text of an expression with every operation in brackets; as a real number if `real`."""
+        """Return the C text of an expression with brackets around every operation.
+
+        If `real` is True, an integer expression is converted to a real number.
+        """
         if real and self._is_whole(node) and not isinstance(node, ast.Constant):
             return f"(real){self._text(node)}"
         match node:
@@ -331,7 +342,7 @@ class CFunction:
         raise self._untranslatable(node)
 
     def _variable(self, node: ast.Name | ast.Attribute | ast.Subscript, real: bool) -> str:
-        """Return the text of a name, a field, or an element of an array."""
+        """Return the C text of a variable, a field, or an element of an array."""
         if isinstance(node, ast.Name):
             value = self._function.constants.get(node.id)
             return c_name(node.id) if value is None else number(float(value) if real else value)
@@ -424,14 +435,17 @@ _COUNTED = (ast.BinOp, ast.UnaryOp, ast.Compare, ast.AugAssign, ast.Call, ast.If
 
 
 class _Returns:
-    """Replace every `return` by an assignment to the result, and move the statements after it into branches."""
+    """Removes the `return` statements from the body of a Python function.
+
+    Each `return` becomes an assignment to the result; the statements after it move into branches.
+    """
 
     def __init__(self, values: int, result: str, returned: str) -> None:
         self._names = [result] if values == 1 else [f"{result}{i}" for i in range(values)]
         self._returned = returned
 
     def body(self, nodes: list[ast.stmt], in_loop: bool = False) -> list[ast.stmt]:
-        """Return the new statements in place of those of a function or a loop."""
+        """Return the statements that replace `nodes`, the statements of a function or (`in_loop`) of a loop."""
         done: list[ast.stmt] = []
         for k, node in enumerate(nodes):
             rest = nodes[k + 1 :]
@@ -513,7 +527,10 @@ def _names(node: ast.expr) -> list[ast.Name]:
 
 
 def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
-    """Yield each target of an assignment with its value; None for one of several results of a called function."""
+    """Yield each target of an assignment with its value.
+
+    The value is None if the target receives one of several results of a called function.
+    """
     for target in node.targets:
         if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
             yield from zip(target.elts, node.value.elts, strict=True)

@@ -1,4 +1,4 @@
-"""Registry of the kinds, reading of controller files, and conversion of any given controller.
+"""Lists the kinds of controllers, reads controller files, and converts any controller object to a `Controller`.
 
 Example of a controller file:
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 @cache
 def controller_kinds() -> Mapping[str, type[Controller]]:
-    """Return the kinds that a file may name, by name."""
+    """Return the controller classes of this package by the name (`kind`) that a controller file gives."""
     kinds: dict[str, type[Controller]] = {}
     names = {module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])}
     for name in names - {"step_calls"}:  # this module loads Numba
@@ -59,10 +59,10 @@ def controller_kinds() -> Mapping[str, type[Controller]]:
 
 
 def _check_kind(kind: type[Controller], where: str) -> None:
-    """Raise InputError for a class that lacks an attribute of a kind."""
+    """Raise InputError if a user's controller class lacks kind, title, source, or a static method `step`."""
     for name in ("kind", "title", "source"):
         if not isinstance(getattr(kind, name, None), str):
-            raise InputError(f"{where}: {kind.__name__} has no {name}; give it the texts kind, title and source")
+            raise InputError(f"{where}: {kind.__name__} has no {name}; define kind, title and source as texts in it")
     if kind.step is Controller.step:
         raise InputError(f"{where}: {kind.__name__} has no step; give it step(state, measurement, parameters)")
     if not isinstance(inspect.getattr_static(kind, "step"), staticmethod):
@@ -70,22 +70,25 @@ def _check_kind(kind: type[Controller], where: str) -> None:
 
 
 def is_kind(thing: Any) -> TypeGuard[type[Controller]]:
-    """Return True if an object is the class of a kind."""
+    """Return True if an object is a class derived from `Controller` that defines the attribute `kind`."""
     return inspect.isclass(thing) and issubclass(thing, Controller) and "kind" in vars(thing)
 
 
 @cache
 def structures() -> Mapping[str, type[Controller]]:
-    """Return the kinds that `tune` can tune, by name: those with gains kp and ki, and those that define `loop`."""
+    """Return the controller classes that `tune` can tune, by name.
+
+    These are the PI classes, with gains kp and ki, and the classes that override the method `Controller.loop`.
+    """
     with_gains = {name: kind for name, kind in controller_kinds().items() if issubclass(kind, PI)}
     with_loop = {name: kind for name, kind in controller_kinds().items() if kind.loop is not Controller.loop}
     return MappingProxyType({**with_gains, **with_loop})
 
 
 def structure_named(name: str | type[Controller]) -> type[Controller]:
-    """Return the class of a kind that `tune` can tune.
+    """Return a controller class that `tune` can tune.
 
-    `name` is the name of the kind, the name of a Python file that assigns the class to CONTROLLER, or the class.
+    `name` is a name in `structures`, the name of a Python file that assigns the class to CONTROLLER, or the class.
     InputError for anything else.
     """
     if isinstance(name, str) and name.lower().endswith(".py"):
@@ -105,12 +108,13 @@ def structure_named(name: str | type[Controller]) -> type[Controller]:
 def load_controller(path: str | Path, *, initial_speed: float | None = None) -> Any:
     """Read a controller from a TOML or Python file.
 
-    - path: TOML file as described in this module, or a Python file, which is run; use only files that you trust.
-    - initial_speed: initial speed v0 of the run, m/s, for a controller whose own adhesion law depends on v0.
+    - path: TOML file as described in this module, or a Python file. A Python file is run; use only files that you
+      trust.
+    - initial_speed: initial speed v0 of the run, m/s; needed if the file sets an adhesion law that depends on v0.
 
-    Returns the controller. For a Python file it is the object `CONTROLLER`: a linear system, an object with a step, a
-    function, a controller, or the class of a kind. InputError: one line with file, key, value and allowed values; for a
-    Python file that fails, with the line in this file.
+    Returns a `Controller` for a TOML file. For a Python file it returns the object `CONTROLLER`: a controller, a
+    controller class, a linear system, an object with a method `step`, or a function. InputError: one line with file,
+    key, value and allowed values. If the Python file fails, the message has the line in this file.
     """
     path = given_path(path)
     where = file_name(path)
@@ -128,7 +132,7 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
 
 
 def _kind_of(content: dict[str, Any], path: Path, where: str) -> type[Controller]:
-    """Return the class of the kind that a file names."""
+    """Return the controller class that the keys `kind` and `python` of a controller file name."""
     kind, kinds = content.get("kind"), controller_kinds()
     if isinstance(python := content.get("python"), str):
         given = _from_python(path.parent / python)
@@ -145,7 +149,7 @@ def _kind_of(content: dict[str, Any], path: Path, where: str) -> type[Controller
 
 
 def _from_python(path: Path) -> Any:
-    """Return the object `CONTROLLER` of a Python file; InputError with the file name if it is not a controller."""
+    """Run a Python file and return its object `CONTROLLER`; InputError if the object cannot serve as a controller."""
     controller = record_in(path, "CONTROLLER", ())
     is_class = inspect.isclass(controller)
     kind: Any = controller if is_class else type(controller)
@@ -165,17 +169,18 @@ def _from_python(path: Path) -> Any:
 def as_control(
     controller: Any, vehicle: Vehicle, reference: ReferenceSlip | None, name: str | None = None
 ) -> Controller:
-    """Convert any given controller to a `Controller` that runs on a vehicle.
+    """Convert any object that can serve as a controller to a `Controller` for a vehicle.
 
     - controller: one of the following.
 
       - a `Controller`, or a design with an attribute `controller`;
-      - the class of a kind, which makes the controller by the rule of `for_vehicle`;
+      - a controller class, whose method `for_vehicle` makes the controller;
       - a linear system (`systems.linear_controller`), which is sampled by Tustin's rule every 10 ms or at its own
         period; its torque is limited to the range from 0 to the vehicle's full brake, with anti-windup;
-      - any other object with a step, or a function, which is called at its `period`.
-    - vehicle: vehicle for the parameters that the controller does not set.
-    - reference, name: reference slip and name for a controller that has none.
+      - any other object with a method `step`, or a function; it is called at its attribute `period`, s, or every 10 ms
+        if it has none.
+    - vehicle: vehicle whose wheel, brake and load the controller assumes where it sets no values itself.
+    - reference, name: reference slip and name that a controller without them gets.
 
     InputError for any other object, or if a controller that tracks a reference slip has none.
     """

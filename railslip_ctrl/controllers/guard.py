@@ -41,7 +41,7 @@ OK, HOLDING, RELEASING, FAULT, LOCKED = (float(status) for status in Status)
 
 
 class Guard(Record):
-    """Parameters of the guard, SI; `for_controller` copies the limits and the wheel radius of a controller."""
+    """Parameters of the guard, SI; `for_controller` sets torque limits and wheel radius to those of a controller."""
 
     period: float = quantity("s", "sampling period", gt=0)
     radius: float = quantity("m", "wheel radius", gt=0)
@@ -67,7 +67,7 @@ class Guard(Record):
     )
 
     class State(Record):
-        """State of the guard."""
+        """Values that the guard keeps from sample to sample."""
 
         status: float = quantity("1", "action at the last sample, as in `Status`", default=0.0)
         last_command: float = quantity("N*m", "command of the previous sample", default=0.0)
@@ -78,7 +78,11 @@ class Guard(Record):
 
     @classmethod
     def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
-        """Return the guard of a controller; missing limits become 0 and the vehicle's full brake."""
+        """Return the guard of a controller.
+
+        If the controller has no limit of the torque, the lower limit is 0 and the upper limit the vehicle's full brake
+        torque. `period` is the sampling period, s.
+        """
         least, most = control.least_torque, control.largest_torque
         radius = getattr(control, "radius", None)
         return cls(
@@ -114,13 +118,13 @@ def is_good(g: Any, m: Any, q: Any) -> Any:
 
 
 def valid_applied_torque(g: Any, m: Any, q: Any) -> Any:
-    """Return the applied torque, N*m, within the limits; if it is not finite, the last command."""
+    """Return the applied torque, N*m, cut to the torque limits; if it is not finite, the last command replaces it."""
     torque = m.applied_torque if math.isfinite(m.applied_torque) else g.last_command
     return min(max(torque, q.torque_min), q.torque_max)
 
 
 def guarded(g: Any, m: Any, q: Any, good: float, wanted: float) -> Any:
-    """Return the command to the brake, N*m, for the controller's command `wanted`, and set the status."""
+    """Return the command to the brake, N*m, and store the guard's action in g; `wanted` is the controller's command."""
     if good > 0.0 and math.isfinite(wanted):
         torque = min(max(wanted, q.torque_min), q.torque_max)
         g.bad_time, g.status = 0.0, OK
@@ -142,21 +146,21 @@ def guarded(g: Any, m: Any, q: Any, good: float, wanted: float) -> Any:
 
 
 class Command(NamedTuple):
-    """Command `torque` to the brake, N*m, and action `status` of the guard."""
+    """Result of a sample: command `torque` to the brake, N*m, and action `status` of the guard."""
 
     torque: float
     status: Status
 
 
 class ControlUnit:
-    """Controller with its guard, which runs sample by sample like the generated C99.
+    """A controller and its guard, called sample by sample as in the generated C99 program.
 
     - control: a controller.
-    - vehicle: vehicle for the parameters that the controller does not set.
+    - vehicle: vehicle whose wheel, brake and load the controller assumes where it sets no values itself.
     - speed: train speed when the brake is applied, m/s.
-    - rail: rail condition for the reference slip.
+    - rail: the reference slip is that for this rail.
 
-    InputError: a controller given as a Python object or function with a step, or parameters that the guard rejects.
+    InputError if the controller is a user's Python object or function, or for a parameter that `Guard` does not allow.
     """
 
     @checked
@@ -173,14 +177,15 @@ class ControlUnit:
 
     @property
     def state(self) -> SimpleNamespace:
-        """State of the controller."""
+        """Present state of the controller, with the fields of its class `State`."""
         return self._x
 
     def step(self, train_speed: float, wheel_speed: float, applied_torque: float) -> Command:
         """Return the command of one sample.
 
-        - train_speed: m/s; wheel_speed: rad/s.
-        - applied_torque: torque that the brake applied since the previous sample, N*m; 0 in the first.
+        - train_speed: measured train speed, m/s.
+        - wheel_speed: measured wheel speed, rad/s.
+        - applied_torque: torque that the brake applied since the previous sample, N*m; 0 in the first sample.
         """
         m = Measurement(self._samples * self.period, train_speed, wheel_speed, applied_torque)
         good, wanted = is_good(self._g, m, self._q), 0.0
@@ -196,13 +201,16 @@ class ControlUnit:
 
 
 def mutable(state: Any) -> SimpleNamespace:
-    """Return a copy of a state that a step can change."""
+    """Return a copy of a controller state whose fields can be changed."""
     fields = dict(state) if isinstance(state, Record) else vars(state)
     return SimpleNamespace(**{name: list(x) if isinstance(x, tuple) else x for name, x in fields.items()})
 
 
 def step_parameters(control: Controller, rail: Rail, period: float) -> dict[str, Any]:
-    """Return the parameters of a step on a rail, by name; InputError for a controller that lacks its reference slip."""
+    """Return the parameters that the controller's `step` reads on a rail, by name; `period` is in s.
+
+    InputError if a controller that tracks a reference slip has none.
+    """
     if control.reference is None and control.follows_reference:
         raise InputError(f"controller {control.label}: it has no reference slip; give it a reference")
     law = control.model_law

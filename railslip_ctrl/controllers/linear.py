@@ -1,4 +1,4 @@
-"""Linear controllers: sampled, with torque limits, anti-windup, and a constant torque below a hand-over speed."""
+"""Linear controllers: sampled, with torque limits, with anti-windup, and with a constant torque at low speed."""
 
 from __future__ import annotations
 
@@ -21,33 +21,34 @@ from .sampled import Rule, SampledController, linear_step, state_names
 from .systems import LinearController, PolynomialController, StateSpaceController, describe_system
 
 TORQUE_LIMIT = 9000.0
-"""Full brake torque of the published vehicle, N*m: twice the torque at an adhesion coefficient of 0.3."""
+"""Full brake torque of the vehicle of [Park2008], N*m: twice the torque at an adhesion coefficient of 0.3."""
 
 _MOST_COEFFICIENTS = 12  # largest number of coefficients of a polynomial on the design page
 
 TRACKING_TIME = 2.0
-"""Tracking time of the anti-windup, s; from 1 to 5 s the braking distance changes by less than 1 %."""
+"""Tracking time of the anti-windup, s; with values from 1 to 5 s the braking distance changes by less than 1 %."""
 
 
 def full_brake_torque(vehicle: Vehicle) -> float:
-    """Return the full brake torque of a vehicle, N*m, which is the torque limit of designs and of bounds.
+    """Return the full brake torque of a vehicle, N*m, the default upper limit of commands.
 
-    It is `TORQUE_LIMIT` scaled by wheel load times radius, with the larger of the empty and the loaded wheel load.
+    It is `TORQUE_LIMIT` scaled in proportion to wheel load times wheel radius. The wheel load is the larger one of the
+    present and the loaded vehicle.
     """
     return TORQUE_LIMIT * adhesion_share(vehicle, max(vehicle.wheel_load, vehicle.wheel_load_loaded))
 
 
 def adhesion_share(vehicle: Vehicle, wheel_load: float) -> float:
-    """Return wheel load (N) times radius of a vehicle over that of the published vehicle."""
+    """Return `wheel_load`, N, times the wheel radius, divided by this product of the vehicle of [Park2008]."""
     return wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
 
 
 class LinearControl(Controller):
-    """Base class of the linear kinds, which run as difference equations of the slip error e = lambda_d v - sigma.
+    """Base class of the linear controllers, whose input is the slip error e = lambda_d v - sigma, m/s.
 
-    The equations are those of `sampled.SampledController`. Below `hand_over_speed` the controller commands
-    `hand_over_torque` without slip control. InputError: torque_min >= torque_max, or a period or tracking time out of
-    the range of `SampledController`.
+    They run as the difference equations of `sampled.SampledController`. Below `hand_over_speed` the controller commands
+    `hand_over_torque` without slip control. InputError: torque_min >= torque_max, or a period or tracking time that
+    `SampledController` does not allow.
     """
 
     source: ClassVar[str] = "[Astrom1997] 8, 9"
@@ -66,7 +67,7 @@ class LinearControl(Controller):
     rule: Rule = Field(Rule.BACKWARD, description="rule that converts the system to a difference equation")
 
     class State(Record):
-        """State of the difference equations."""
+        """State of the controller: the states of the difference equations, and values of the previous sample."""
 
         error: float = quantity("m/s", "slip error of the previous sample", default=0.0)
         unlimited_torque: float = quantity("N*m", "torque of the previous sample, without limits", default=0.0)
@@ -74,7 +75,7 @@ class LinearControl(Controller):
         room: tuple[float, ...] = quantity("1", "temporary values of the next states", default=())
 
     class Parameters(Record):
-        """Numbers that the step reads: difference equations, limits and hand-over."""
+        """Parameters of `step`: coefficients of the difference equations, torque limits, hand-over speed and torque."""
 
         radius: float = quantity("m", "wheel radius")
         hand_over_speed: float = quantity("m/s", "speed below which slip is not controlled")
@@ -100,7 +101,7 @@ class LinearControl(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Return the torque of the difference equations; below the hand-over speed a constant torque."""
+        """Return the torque by the difference equations; below the hand-over speed return the hand-over torque."""
         if measurement.train_speed < parameters.hand_over_speed:
             return parameters.hand_over_torque
         slip_velocity = measurement.train_speed - parameters.radius * measurement.wheel_speed
@@ -130,7 +131,10 @@ class LinearControl(Controller):
 
     @cached_property
     def as_run(self) -> SampledController | None:
-        """Difference equations at the field `period`; None if the period is the step of the run."""
+        """Difference equations for the sampling period `period`.
+
+        None if no period is set: the period is then the integration step of the run.
+        """
         return None if self.period is None else self.sampled(self.period)
 
     def described(self) -> str:
@@ -141,19 +145,19 @@ class LinearControl(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with torque from 0 to the vehicle's full brake, and with anti-windup."""
+        """Return the controller with the fields `given`; by default its torque is limited to 0 and the full brake."""
         return cls(**{"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), **given}).believing(vehicle)
 
 
 def describe_windup(control: Any, anti_windup: bool) -> str:
-    """Return start, anti-windup and rule of a linear or scheduled controller as text for `limits_described`."""
+    """Return text with initial torque, anti-windup and discretisation rule of a linear or scheduled controller."""
     tracking = "by its gains" if control.tracking_time is None else f"{control.tracking_time:g} s"
     windup = tracking if anti_windup else "none"
     return f", initial torque {control.initial_torque:g} N·m, anti-windup {windup}, rule {control.rule.value}"
 
 
 class SystemControl(LinearControl):
-    """Base class of the kinds for linear systems of any order, continuous or `discrete`."""
+    """Base class of the controllers that are linear systems of any order, continuous or `discrete`."""
 
     period: float | None = quantity("s", "sampling period", ge=LEAST_PERIOD, default=PERIOD)
     rule: Rule = Field(Rule.TUSTIN, description="rule that converts a continuous system to a difference equation")
@@ -185,7 +189,7 @@ class TransferFunction(SystemControl):
         return PolynomialController(self.num, self.den, self._own_period)
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Return the coefficients as design numbers: b1, b0 ... of the numerator, a1, a0 ... of the denominator."""
+        """Return the coefficients by name: b2 is that of s^2 (z^2 if discrete) in num, a2 that of s^2 in den."""
         parts = {"b": self.num, "a": self.den}
         return [
             DesignNumber(f"{letter}{power}", value, "1", f"coefficient of the power {power}")
@@ -194,7 +198,10 @@ class TransferFunction(SystemControl):
         ]
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
-        """Return the transfer function with the coefficients in `values`; all other coefficients are 0."""
+        """Return a transfer function with the coefficients `values`, by the names of `design_numbers`.
+
+        Coefficients that are not in `values` are 0. `others` are new values of other fields.
+        """
         powers: dict[str, dict[int, float]] = {"b": {}, "a": {}}
         for name, value in values.items():
             letter, power = name[:1], name[1:]
@@ -211,8 +218,8 @@ class TransferFunction(SystemControl):
 class StateSpace(SystemControl):
     """State-space controller x' = A x + B e, torque = C x + D e, SI; if discrete, x' is the next x.
 
-    As other tools write them, keys may be in lower case, B may be a column, C and D rows, and a matrix of one number
-    may be written without brackets.
+    The formats of other tools are accepted: keys in lower case, B as a column, C and D as rows, and a matrix of one
+    number without brackets.
     """
 
     kind: ClassVar[str] = "state-space"
@@ -257,5 +264,5 @@ def _listed(value: Any) -> Any:
 
 
 def _single(value: Any) -> Any:
-    """Return the entry of a list with one entry; otherwise the value itself."""
+    """Return the entry of a list that has one entry; return any other value unchanged."""
     return value[0] if isinstance(value, list | tuple) and len(value) == 1 else value

@@ -14,11 +14,11 @@ from .linear import LinearControl
 from .systems import PIController
 
 FILTER_RATIO = 0.1
-"""Default time constant of the lead's filter over that of the lead; the usual N = 10 of a PID."""
+"""Default ratio of the filter's time constant to the lead's; it corresponds to the usual filter N = 10 of a PID."""
 
 
 class PI(LinearControl):
-    """PI controller C(s) = kp + ki/s, in series with (lead s + 1)/(lead_filter s + 1) if a lead or filter is given."""
+    """PI controller C(s) = (kp + ki/s) (lead s + 1)/(lead_filter s + 1), by default without lead and filter."""
 
     kind: ClassVar[str] = "pi"
     title: ClassVar[str] = "PI"
@@ -34,9 +34,9 @@ class PI(LinearControl):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the given kp and ki, and the limits of `LinearControl.for_vehicle`.
+        """Return the controller with the fields `given`; by default its torque is limited to 0 and the full brake.
 
-        InfeasibleDesignError without kp and ki; `tune` computes them.
+        InfeasibleDesignError if kp or ki is not given: this method does not compute them, but the command `tune` does.
         """
         if not {"kp", "ki"} <= given.keys():
             raise InfeasibleDesignError(
@@ -45,7 +45,7 @@ class PI(LinearControl):
         return super().for_vehicle(vehicle, **given)
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Return the design numbers: the gains, and those of the lead that are not 0."""
+        """Return the numbers that a user tunes: kp, ki, and the time constants of lead and filter that are not 0."""
         return [number for number in super().design_numbers() if number.value or number.name in ("kp", "ki")]
 
     def headline(self) -> str:
@@ -57,15 +57,16 @@ class PI(LinearControl):
 
     @classmethod
     def compensator(cls, actuator: Actuator, lead: float | None, lead_filter: float | None) -> PIController:
-        """Return the fixed factor that multiplies kp + ki/s while the gains are tuned for an `actuator`.
+        """Return the transfer function of lead and filter, which stays fixed while kp and ki are tuned.
 
-        If `lead` or `lead_filter`, s, is None, it follows from the rule of the kind.
+        `lead` and `lead_filter` are time constants, s. If one is None, the class sets it: to 0, or for a PI-lead to the
+        lag of the `actuator` (lead) and to `FILTER_RATIO` times the lead (filter).
         """
         return PIController(PIGains(kp=1.0, ki=0.0), lead or 0.0, lead_filter or 0.0)
 
 
 class PILead(PI):
-    """PI with a lead; by rule the lead cancels the actuator's lag, and its filter is ten times faster."""
+    """PI with a lead; tuning sets the lead to the brake's lag, and the time constant of the filter to a tenth of it."""
 
     kind: ClassVar[str] = "pi-lead"
     title: ClassVar[str] = "PI with a lead on the actuator's lag"
@@ -80,14 +81,17 @@ class PILead(PI):
 
 
 class PID(PILead):
-    """PID in series form: a PI-lead whose lead, the derivative time, is also tuned."""
+    """PID in series form: a PI-lead for which tuning also searches the lead, which is the derivative time."""
 
     kind: ClassVar[str] = "pid"
     title: ClassVar[str] = "PID in series form"
 
 
 def pi_control(design: PIController, kind: type[PI] | None = None, **fields: Any) -> PI:
-    """Return the controller of a PI design: of a `kind`, by default `PILead` or `PI`; `fields` are further fields."""
+    """Return the controller of a PI design.
+
+    `kind` is its class, by default `PILead` if the design has a lead, else `PI`. `fields` are further fields.
+    """
     kind = kind or (PILead if design.lead > 0 else PI)
     times = {"lead": design.lead, "lead_filter": design.lead_filter}
     return kind(kp=design.gains.kp, ki=design.gains.ki, **times, **fields)

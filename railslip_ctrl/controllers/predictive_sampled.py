@@ -1,9 +1,10 @@
-"""Sampled loop of the predictive law; the law, the wheel and the dead time are sampled exactly.
+"""Exact sampled loop of the predictive law, including the wheel and the dead time.
 
-Within the boundary layer the step of the law is linear, and its loop is L = N/D in w = z - 1, for a constant train
-speed. D depends only on the controller. N has the responses of the wheel to a command that is held for one period,
-which are ratios of polynomials in w over z^periods ([Astrom1997] 2). The only poles of D + N outside the unit circle
-are those of the wheel; the winding number of D + N along the circle therefore counts the unstable closed-loop poles.
+Within the boundary layer the control law is linear. Its loop is L = N/D, where N and D are functions of w = z - 1, for
+a constant train speed. D depends only on the controller. N contains the responses of the wheel to a command that is
+held for one period. Each response is a ratio of polynomials in w, divided by a power of z for the dead time
+([Astrom1997] 2). The closed loop is stable if the winding number of D + N along the unit circle equals the number of
+unstable poles of the wheel, which are the only poles of D + N outside the circle.
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ _TERMS, _SMALL = 14, 0.5  # terms of the series of exp, largest norm of its argu
 
 @dataclass(frozen=True)
 class SampledLaws:
-    """Sampled loops of one predictive law in n cases, whose wheels have the same order.
+    """Sampled loops of one predictive law with n linear wheels of the same order.
 
-    - law: the controller, a `Predictive`; its sampling period is `period`, s.
+    - law: the controller, a `Predictive` with a sampling period.
     - slip: reference slip ratio, (n,).
     - unstable: number of unstable poles of the wheel, (n,).
-    - pole: denominator of the wheel, coefficients in descending powers of w, (n, order).
-    - sigma, speed: numerators of the responses of the slip velocity and of the change of speed in a period,
-      (n, 2, order), for each of the two commands that act within a period.
+    - pole: denominator of the wheel's responses, coefficients in descending powers of w, (n, order).
+    - sigma, speed: numerators of the responses of the slip velocity and of the change of train speed in a period,
+      (n, 2, order). Index 0 belongs to the latest command that acts within a period, index 1 to the command before it.
     - periods: number of whole periods in the brake's dead time, (n,).
     """
 
@@ -62,9 +63,9 @@ class SampledLaws:
         return float(self.law.period)
 
     def parts(self, omega: Floats, row: Rows) -> tuple[Complexes, Complexes]:
-        """Return D and N of the cases with indices `row`, (n,), at frequencies `omega`, rad/s, from 0 to pi/h.
+        """Return D and N of the loops with indices `row`, (n,), at k frequencies from 0 to pi/h; h is the period.
 
-        - omega: (n, k), or (1, k) for the same frequencies in all cases.
+        - omega: frequencies, rad/s, (n, k), or (1, k) if all loops have the same frequencies.
         """
         law, h = self.law, self.period
         turn = 1j * omega * h
@@ -95,7 +96,7 @@ class SampledLaws:
 
     @cached_property
     def stable_and_ms(self) -> tuple[NDArray[np.bool_], Floats]:
-        """Stability of each loop, (n,), and its Ms, (n,), inf if unstable."""
+        """Stability of each loop, (n,), and its Ms, (n,); Ms is inf for an unstable loop."""
         lowest = _LOWEST / (self.law.dead_time + self.law.lag)
         grid = np.append(0.0, np.geomspace(lowest, math.pi / self.period, _GRID))
         every = np.arange(self.slip.size)
@@ -116,7 +117,11 @@ class SampledLaws:
         return stable, ms
 
     def _windings(self, grid: Floats, values: Complexes) -> Rows:
-        """Return the winding number of D + N along the unit circle, (n,), computed on the upper half."""
+        """Return the winding number of D + N along the unit circle for each loop, (n,).
+
+        `values`, (n, k), are D + N at k frequencies `grid`, rad/s, from 0 to pi/h. Between two frequencies at which the
+        angles of D + N differ much, D + N is evaluated at further frequencies.
+        """
         change = np.angle(values[:, 1:] / values[:, :-1])
         total = np.where(np.abs(change) <= _TURN, change, 0.0).sum(axis=1)
         row, at = np.nonzero(np.abs(change) > _TURN)
@@ -136,11 +141,11 @@ class SampledLaws:
 
 @dataclass(frozen=True)
 class SampledLaw:
-    """Sampled loop of the predictive law in one case.
+    """Sampled loop of the predictive law with one linear wheel.
 
-    - of: the `SampledLaws` of this case alone.
+    - of: `SampledLaws` that contains only this loop.
     - wheel: matrix of the wheel from `linear_wheel`, (m + 1, m + 2).
-    - brake: dead time and lag, s.
+    - brake: dead time and lag of the brake, s.
     """
 
     of: SampledLaws
@@ -162,19 +167,19 @@ class SampledLaw:
         return bool(self.of.stable_and_ms[0][0])
 
     def margins(self) -> Margins:
-        """Return a record of margins that has only Ms; the other margins are NaN."""
+        """Return a record of margins in which only Ms is computed; the other margins are NaN or empty."""
         empty: dict[str, Any] = dict.fromkeys(Margins.__dataclass_fields__, math.nan)
         lists = ("gain_crossovers", "phase_margins_deg", "phase_crossovers", "phase_crossover_gains")
         empty |= dict.fromkeys(lists, np.zeros(0))
         return Margins(**{**empty, "ms": float(self.of.stable_and_ms[1][0])})
 
     def responses(self, end: float, points: int, *, reference: float, torque: float) -> tuple[Floats, Floats, Floats]:
-        """Return times and the step responses of the slip velocity, m/s, to the reference and to the torque.
+        """Return times, s, and two step responses of the slip velocity, m/s: to the reference and to a torque.
 
         - end: last time, s.
-        - points: largest number of times, which are samples.
-        - reference: step of the reference slip velocity, m/s.
-        - torque: step of the torque at the wheel, N*m.
+        - points: largest number of times; all times are sampling instants.
+        - reference: height of the step of the reference slip velocity, m/s.
+        - torque: height of the step of a disturbance torque at the wheel, N*m.
 
         The responses are exact, also for an unstable loop.
         """
@@ -190,10 +195,11 @@ class SampledLaw:
         return times, slip_velocity[:, 0], slip_velocity[:, 1]
 
     def _sample(self) -> Floats:
-        """Return the matrix of the closed loop from one sample to the next.
+        """Return the matrix that maps the state of the closed loop at one sample to that at the next sample.
 
-        The state has wheel and brake, then past torques before the dead time and past commands, each the latest first,
-        then the filters of the law, and the constant steps of reference and torque.
+        The state contains in this order: wheel, train and brake; past torques of the controller's brake model, before
+        its dead time, the latest first; past commands, the latest first; the three filters of the law; and the constant
+        steps of reference and torque.
         """
         law, h, whole, periods = self.of.law, self.period, int(self.of.law.dead_time / self.period), self.of.periods[0]
         share, inertia = law.dead_time / h - whole, law.wheel_inertia / law.radius
@@ -232,9 +238,11 @@ class SampledLaw:
 def sampled_laws(
     law: Any, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
 ) -> Iterator[tuple[Rows, SampledLaws]]:
-    """Group the cases whose sampled loops have the same order; yield indices and loops of the cases of each group.
+    """Yield the n sampled loops in groups of the same order: the indices of the loops of a group, and the loops.
 
-    - case: for each case its index in `points` and its index in `brakes`, (n,) each.
+    - law: the controller, a `Predictive`.
+    - points, brakes: operating points and actuators.
+    - case: two index arrays, (n,) each: loop i has operating point case[0][i] and actuator case[1][i].
     """
     wheels = [linear_wheel(point) for point in points]
     slips = np.array([point.slip for point in points])
@@ -252,10 +260,10 @@ def sampled_laws(
 
 @lru_cache(KEPT)
 def linear_wheel(point: OperatingPoint) -> Floats:
-    """Return the matrix of the linear wheel, (m + 1, m + 2); its coefficients are those of a constant train speed.
+    """Return the linear wheel with the train as a matrix, (m + 1, m + 2), for a constant train speed.
 
-    Its rows are the rates of slip velocity, adhesion state and train speed; its columns are these m + 1 states and the
-    acting torque.
+    The m + 1 states are the slip velocity, the state of the adhesion law if it has one, and the train speed. A row
+    contains the rate of a state; the columns belong to the m + 1 states and the acting torque.
     """
     plant, moving = linearize(point), linearize(point, speed_state=True)
     m = len(plant.states)
@@ -266,9 +274,9 @@ def linear_wheel(point: OperatingPoint) -> Floats:
 
 
 def _driven(wheels: Floats, lag: Floats | None) -> Floats:
-    """Return the matrices of wheel, train and, with a lag, the acting torque.
+    """Return the matrices of wheel, train and brake, (n, d, d), with the constant command as last state.
 
-    Rows are the rates of these states, then a row of zeros; columns are these states and the command.
+    The states are those of `linear_wheel`, the acting torque unless `lag` is None, and the command, whose rate is 0.
     """
     n, m = wheels.shape[0], wheels.shape[1]
     size = m + 1 if lag is None else m + 2
@@ -280,7 +288,7 @@ def _driven(wheels: Floats, lag: Floats | None) -> Floats:
 
 
 def _sampled(law: Any, slip: Floats, unstable: Rows, driven: Floats, dead_time: Floats, speed: int) -> SampledLaws:
-    """Return the loops of wheels with rate matrices `driven`; the state with index `speed` is the train speed."""
+    """Return the sampled loops for the matrices `driven` of `_driven`; `speed` is the index of the train speed."""
     h, d = float(law.period), driven.shape[1] - 1
     periods = np.floor(dead_time / h + 1e-9).astype(np.intp)
     late = np.maximum(dead_time - periods * h, 0.0)
@@ -303,7 +311,7 @@ def _sampled(law: Any, slip: Floats, unstable: Rows, driven: Floats, dead_time: 
 
 
 def _exponential(matrices: Floats) -> Floats:
-    """Return exp of square matrices, (n, d, d), by a series and repeated squaring."""
+    """Return the matrix exponentials of square matrices, (n, d, d), by a series and repeated squaring."""
     norm = np.abs(matrices).sum(axis=2).max(initial=0.0)
     halvings = max(math.ceil(math.log2(norm / _SMALL)), 0) if norm > 0 else 0
     small = matrices / 2**halvings
@@ -317,7 +325,10 @@ def _exponential(matrices: Floats) -> Floats:
 
 
 def _horner(coefficients: Floats, w: Complexes) -> Complexes:
-    """Return the values of polynomials at w, (n, k); `coefficients`, (n, order), are those of descending powers."""
+    """Return the values of n polynomials at points `w`, (n, k).
+
+    `coefficients`, (n, order), are in descending powers of w.
+    """
     value: Complexes = coefficients[:, 0, None].astype(complex)
     for k in range(1, coefficients.shape[1]):
         value = value * w + coefficients[:, k, None]

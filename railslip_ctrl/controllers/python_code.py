@@ -1,4 +1,4 @@
-"""Export of a controller's step and numbers as Python code that needs only the standard library."""
+"""Writes a controller as Python code that needs only the standard library."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .translate import Function, read_step
 
 
 def python_text(control: Controller, speed: float = 100 / 3.6) -> str:
-    """Return a controller as Python text: functions of the step, parameters on dry rail, and initial state.
+    """Return the text of a Python program: the control law `step`, the parameters on dry rail, and the initial state.
 
-    - control: a controller whose assumed vehicle parameters are set (`believing`).
+    - control: a controller whose assumed vehicle parameters are all set, for example by `believing`.
     - speed: initial train speed, m/s; the initial state of a few controllers depends on it.
 
-    InputError: a controller given as a Python object or function with a step, or a controller without an adhesion law
-    or reference slip that it needs.
+    InputError if the controller is a user's Python object or function, or if it lacks an adhesion law or a reference
+    slip that it needs.
     """
     period = PERIOD if control.period is None else control.period
     functions = read_step(control.whole_step).all()

@@ -1,7 +1,7 @@
-"""Sampled linear controllers: difference equations with limits and anti-windup, and their exact loops.
+"""Sampled linear controllers: difference equations with torque limits and anti-windup, and the exact sampled loop.
 
-Tustin's rule replaces s by 2/h (z - 1)/(z + 1), the backward difference by (z - 1)/(h z), with the period h
-([Astrom1997] 8).
+Tustin's rule replaces s by 2/h (z - 1)/(z + 1), and the backward difference replaces s by (z - 1)/(h z). h is the
+sampling period ([Astrom1997] 8).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _AT_INFINITY = 1e-12  # relative distance from 2/h (backward: 1/h) below which a
 
 
 class Rule(StrEnum):
-    """Rule that replaces s by a function of z."""
+    """Discretisation rule: which function of z replaces s."""
 
     TUSTIN = "tustin"
     BACKWARD = "backward"
@@ -52,29 +52,31 @@ class Rule(StrEnum):
 class SampledController:
     """Linear controller at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 9).
 
-    The continuous design is x' = A x + B e, torque = C x + D e. For a `PIController` the states are the integral part
-    of the torque and the error after the lead's filter. At sample k::
+    The continuous design is x' = A x + B e, torque = C x + D e. The states of a `PIController` are the integral part of
+    the torque and, if it has a lead or a filter, the error filtered by 1/(lead_filter s + 1). At sample k::
 
         x[k] = phi x[k-1] + now e[k] + before e[k-1] + back (acted[k-1] - unlimited[k-1])
         unlimited[k] = C x[k] + D e[k],    torque[k] = unlimited[k] within the limits
 
-    phi, now and before follow exactly from the rule, or are those of a discrete design. `acted` is the torque that the
-    brake applied. While a limit acts, `back` moves the slow poles and leaves the poles of leads and filters unchanged.
-    To find the slow poles, poles and zeros are sorted by magnitude and paired; a pole slower than its zero moves to z =
-    1 - h/T, where 1/T is the magnitude of the zero. If all poles move to the zeros, the result is the conditioned
-    controller of [Hanus1987]: its states are those for an error that gives exactly the applied torque. For a PI the
-    result is back-calculation with Tt = kp/ki. `linear_step` evaluates the equations.
+    The rule determines phi, now and before exactly; for a discrete design they are the matrices of the design. `acted`
+    is the torque that the brake applied; it differs from `unlimited` while a limit acts. The gains `back` then make
+    the slow states, for example an integrator, decay: the poles and the zeros of C are sorted by magnitude and
+    paired, and a pole that is slower than its zero moves to z = 1 - h/T, where 1/T is the magnitude of the zero. The
+    other poles, those of leads and filters, do not move. If every pole moves to its zero, the result is the conditioned
+    controller of [Hanus1987]: its states are those that an error would cause for which the controller commands exactly
+    the applied torque. For a PI the result is back-calculation with the tracking time kp/ki. `linear_step` evaluates
+    the equations.
 
-    - design: linear system, as for `systems.linear_controller`; the field is the record that this function returns.
+    - design: linear system that `systems.linear_controller` accepts; it is stored as the result of this function.
     - period: h, s, > 0; for a discrete design the period of the design. With Tustin's rule no real pole may be faster
       than 2/h, because its response would alternate in sign.
     - torque_min, torque_max: limits of the command, N*m, torque_min < torque_max; for a brake 0 and the full brake.
     - rule: Tustin's rule or the backward difference.
-    - tracking_time: Tt of the slowest pole, often an integrator, s, >= h; inf: no anti-windup. The default is the time
-      constant of the slowest zero (for a PI kp/ki). If there are fewer zeros than poles, the magnitude of the fastest
-      pole replaces the missing zeros, or 1/h if all poles are 0.
+    - tracking_time: T of the slowest pole, often an integrator, s, >= h; inf: no anti-windup. By default 1/T is the
+      magnitude of the slowest zero (for a PI T = kp/ki). If there are fewer zeros than poles, each missing zero counts
+      as a zero with the magnitude of the fastest pole, or with 1/h if all poles are 0.
 
-    InputError: a design that is not linear, or a period, limit or tracking time out of its range.
+    InputError: a design that is not linear, or a period, limit or tracking time that is not allowed.
     """
 
     design: Any
@@ -101,11 +103,11 @@ class SampledController:
 
     @property
     def as_run(self) -> SampledController:
-        """Sampled controller that a run uses: this object."""
+        """This object: a simulation uses the sampled controller itself."""
         return self
 
     def linear(self, point: OperatingPoint) -> LinearController:
-        """Return the design, which is the same at every operating point."""
+        """Return the linear design, which does not depend on the operating point."""
         return self.design  # type: ignore[no-any-return]
 
     @property
@@ -115,7 +117,7 @@ class SampledController:
 
     @cached_property
     def numbers(self) -> Mapping[str, Any]:
-        """Parameters of `linear_step` by name."""
+        """Parameters that `linear_step` reads, by name."""
         phi, now, before, c, d = _difference(self.design, self.rule, self.period)
         arrays = {"output": c, "now": now, "before": before, "tracking": self._back(phi, c), "transition": phi.ravel()}
         limits = {"torque_min": self.torque_min, "torque_max": self.torque_max}
@@ -130,7 +132,7 @@ class SampledController:
 
     @cached_property
     def _tracking_rates(self) -> Floats:
-        """Anti-windup decay rates, 1/s, slowest first: lower bounds on the decay of the poles while a limit acts."""
+        """Decay rates, 1/s, slowest first, to which the anti-windup moves slower poles while a limit acts."""
         system, h = self.design.transfer_function, self.period
         if isinstance(self.design, PIController):
             gains = self.design.gains
@@ -146,7 +148,7 @@ class SampledController:
         return np.zeros(rates.size) if self.tracking_time == math.inf else np.minimum(rates, 1 / h)
 
     def start(self, torque: float = 0.0) -> SimpleNamespace:
-        """Return the state in which a constant `torque`, N*m, is commanded as long as the error is 0.
+        """Return a state in which the controller commands the constant `torque`, N*m, as long as the error is 0.
 
         InputError if the torque is outside the limits.
         """
@@ -160,17 +162,17 @@ class SampledController:
         )
 
     def at_rest(self, torque: float) -> dict[str, Any]:
-        """Return the fields of the state of `start`, for a constant `torque`, N*m."""
+        """Return the fields, by name, of the state that `start` returns for a constant `torque`, N*m."""
         rest = (0.0,) * (len(self.states) - 1)
         return {"error": 0.0, "unlimited_torque": torque, "states": (torque, *rest), "room": (0.0, *rest)}
 
     def step(self, state: Any, error: float, applied: float | None = None) -> float:
         """Return the torque to command until the next sample, N*m, and update `state`.
 
-        - state: from `start`.
+        - state: initially the result of `start`; every call changes it.
         - error: slip error lambda_d v - sigma, m/s.
-        - applied: torque that the brake applied since the previous sample, N*m; by default the last command. Give it if
-          something besides the controller's limits changed the torque.
+        - applied: torque that the brake applied since the previous sample, N*m; by default the last command. It is
+          needed if something else than the limits of this controller changed the torque.
 
         If the error is not finite, state and torque do not change.
         """
@@ -184,7 +186,7 @@ class SampledController:
 
     @cached_property
     def transfer_function(self) -> Rational:
-        """Transfer function C(z) of the equations without limits; the pole of an integrator is exactly 1."""
+        """Transfer function C(z) while no limit acts; an integrator has its pole exactly at z = 1."""
         system: Rational = self.design.transfer_function
         if not isinstance(self.design, PIController) and self.design.period is not None:
             return system
@@ -199,8 +201,10 @@ class SampledController:
 def linear_step(state: Any, parameters: Any, error: float, applied: float) -> Any:
     """Return the torque to command, N*m, by the equations of `SampledController`, and update `state`.
 
-    - state: `states` and `room` (n each), `error` (m/s) and `unlimited_torque` (N*m) of the previous sample.
-    - parameters: `output`, `now`, `before`, `tracking` (n each), `transition` (n by n, by rows), `direct`, limits.
+    - state: `states`, `room` (memory for the new states), (n,) each; `error` (m/s) and `unlimited_torque` (N*m) of the
+      previous sample.
+    - parameters: `output` (C), `now`, `before`, `tracking` (back), (n,) each; `transition` (phi, n by n, row by row);
+      `direct` (D); `torque_min`, `torque_max` (N*m).
     - error: slip error lambda_d v - sigma, m/s; if it is not finite, the state does not change.
     - applied: torque that the brake applied since the previous sample, N*m.
     """
@@ -223,7 +227,10 @@ def linear_step(state: Any, parameters: Any, error: float, applied: float) -> An
 
 
 def _mapped(roots: Complexes, rule: Rule, h: float) -> tuple[complex, Complexes]:
-    """Return gain and roots in z of the product of all s - root, without the denominators of the rule."""
+    """Return gain and roots of the numerator in z of the product of all s - root, after `rule` has replaced s.
+
+    The denominator, a power of z + 1 (Tustin's rule) or of z, is not included. h is the period, s.
+    """
     ahead, behind = (1 - roots * h / 2, 1 + roots * h / 2) if rule is Rule.TUSTIN else (1 - roots * h, 1.0 + 0 * roots)
     at_infinity = np.abs(ahead) < _AT_INFINITY
     scale = 2 / h if rule is Rule.TUSTIN else 1 / h
@@ -260,9 +267,9 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
 
 
 def run_period(design: LinearController, period: float | None = None) -> float:
-    """Return the sampling period of a design, s: its own period if it is discrete, else `period`.
+    """Return the sampling period of a design, s: for a discrete design its period, otherwise `period`.
 
-    The default of `period` is `PERIOD`, or twice the time constant of the lead's filter if that is shorter.
+    If `period` is None, it is `PERIOD`, or twice the time constant of the lead's filter if this is shorter.
     """
     if not isinstance(design, PIController):
         return design.period or period or PERIOD
@@ -270,14 +277,17 @@ def run_period(design: LinearController, period: float | None = None) -> float:
 
 
 def state_names(design: LinearController) -> tuple[str, ...]:
-    """Return the names of the states of a design's difference equations."""
+    """Return the names of the states in the difference equations of a design."""
     if isinstance(design, PIController):
         return ("integral", "lagged_error") if design.lead_filter > 0 else ("integral",)
     return ("initial_torque", *(f"x{i + 1}" for i in range(_continuous(design)[1].size - 1)))
 
 
 def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float]:
-    """Return A, B, C, D; the first state is the integral part of a PI's torque, for other designs a constant torque."""
+    """Return A, B, C and D of a design.
+
+    The first state is a torque: the integral part of a PI, or for other designs an additional constant torque.
+    """
     if isinstance(design, PIController):
         kp, ki, lag = design.gains.kp, design.gains.ki, design.lead_filter
         if lag == 0:
@@ -297,7 +307,7 @@ def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float
 
 
 def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """Return phi, now, before, C and D of the difference equations of `SampledController`."""
+    """Return phi, now, before, C and D of the difference equations in `SampledController`; h is the period, s."""
     a, b, c, d = _continuous(design)
     identity = np.eye(b.size)
     if not isinstance(design, PIController) and design.period is not None:
@@ -312,12 +322,17 @@ def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats,
 
 
 def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Floats) -> Floats:
-    """Return the gains on acted - unlimited that move slow poles of phi to 1 - h rate; see `SampledController`.
+    """Return the gains `back` of `SampledController`, which move the slow poles of phi to z = 1 - h rate.
 
-    The matrix `slow` has the invariant subspaces of phi; its poles are those of the design in s, or (z - 1)/h. The
-    function applies Ackermann's formula to the subspace of the poles up to the fastest one that moves. It uses the
-    variable (z - 1)/h, in which poles near z = 1 are well separated. Modes that are unobservable in the torque do not
-    move.
+    - phi, c: state matrix and output gains of the difference equations.
+    - slow: matrix with the same invariant subspaces as phi; its eigenvalues are the poles of a continuous design, or
+      (z - 1)/h for the poles z of a discrete design.
+    - h: period, s.
+    - rates: decay rates, 1/s, slowest first; only poles that decay more slowly move.
+
+    The gains are computed by Ackermann's formula in the subspace of the poles up to the fastest one that moves. The
+    formula is applied in the variable (z - 1)/h, in which poles near z = 1 are well separated. Modes that are
+    unobservable in the torque do not move.
     """
     from scipy.linalg import schur
 
@@ -345,7 +360,7 @@ def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Flo
 def sampled_loop(
     plant: LinearPlant, controller: SampledController, actuator: Actuator, *, computation: float = 0.0
 ) -> SampledLoop:
-    """Return the exact wheel-slip loop with a sampled controller.
+    """Return the exact sampled wheel-slip loop of a linear wheel, a sampled controller and an actuator.
 
     `computation` is the computing time of a sample, s, >= 0, which is added to the actuator's dead time.
     """
@@ -358,7 +373,7 @@ def sampled_loop(
 def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
     """Return the sampled loop of a controller at its sampling period.
 
-    None if the controller has no period, or if the period is so short that sampling makes no difference.
+    None if the controller has no sampling period, or if the dead time has more than `MOST_PERIODS` periods.
     """
     if isinstance(controller, Controller) and (own := controller.loop_as_run(plant.point, actuator)) is not None:
         return own
@@ -369,10 +384,10 @@ def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
 
 
 def sampled_peak(loop: SampledLoop) -> float:
-    """Return Ms of a sampled loop, inf if the loop is unstable, from a grid of frequencies.
+    """Return Ms of a sampled loop, computed on a grid of frequencies; inf if the loop is unstable.
 
-    The grid includes the angles of the closed-loop poles near the unit circle, where |S| has its peaks, and is refined
-    around the highest peak. `margins` is exact but slower.
+    The grid includes the angles of the closed-loop poles near the unit circle, at which |S| has its peaks. It is
+    refined around the highest peak. The method `margins` of the loop is exact but slower.
     """
     if not loop.is_stable():
         return math.inf
@@ -383,7 +398,7 @@ def sampled_peak(loop: SampledLoop) -> float:
 
 
 def peak_near(loop: Any, omega: Floats) -> float:
-    """Return the highest |S| on a grid of frequencies `omega`, rad/s, refined around the maximum."""
+    """Return the largest |S| of a loop on a grid of frequencies `omega`, rad/s, 1-D, refined around the maximum."""
     for _ in range(_REFINEMENTS):
         size = 1 / np.abs(1 + loop.response(omega))
         top = int(np.argmax(size))

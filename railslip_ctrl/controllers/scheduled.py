@@ -1,4 +1,4 @@
-"""PI-lead with gains scheduled over speed and rail; a change of gains causes no jump of the torque."""
+"""PI-lead whose gains depend on speed and rail; a change of the gains causes no jump of the torque."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .systems import PIController
 
 @dataclass(frozen=True)
 class ScheduleEntry:
-    """PI gains for one rail and one speed, km/h, tuned over the vehicle's loads, and their worst Ms."""
+    """PI gains for one rail and one speed, km/h, tuned for all loads of the vehicle; `worst_ms` is the largest Ms."""
 
     rail: Rail
     speed_kmh: float
@@ -38,11 +38,11 @@ class ScheduleEntry:
 
 @dataclass(frozen=True)
 class GainSchedule:
-    """PI gains over speed and rail, linear in speed between the `entries` and constant outside.
+    """PI gains over speed and rail, linear in speed between the `entries` and constant outside of their speeds.
 
     All entries have the same `lead` and `lead_filter` (s). Below `lowest_speed_kmh` some loops are unstable, and slip
     control must be switched off. `worst_ms` is the largest Ms at the scheduled speeds and between them. InputError for
-    invalid values.
+    a value that is not allowed.
     """
 
     entries: tuple[ScheduleEntry, ...]
@@ -68,7 +68,7 @@ class GainSchedule:
         PIController(self.entries[0].gains, self.lead, self.lead_filter)  # raises InputError for invalid time constants
 
     def controller(self, speed: float, rail: Rail) -> PIController:
-        """Return the controller at a speed (m/s, > 0) on a rail.
+        """Return the PI-lead with the gains for a speed (m/s, > 0) on a rail.
 
         InputError for a speed that is not finite and positive, or a rail without entries.
         """
@@ -84,7 +84,7 @@ class GainSchedule:
         return PIController(PIGains(kp=kp, ki=ki), self.lead, self.lead_filter)
 
     def to_json(self) -> str:
-        """Return the schedule as JSON, SI except where a key names a unit; `from_json` reads it."""
+        """Return the schedule as JSON text, which `from_json` reads; the unit is SI, or the unit that a key names."""
         entries = []
         for e in self.entries:
             gains = {"kp_si": e.gains.kp, "ki_si": e.gains.ki}
@@ -114,7 +114,7 @@ class GainSchedule:
 class Scheduled(Controller):
     """PI-lead with the gains of a `GainSchedule`; the default tracking time of the anti-windup is kp/ki.
 
-    InputError: as for `LinearControl`; a schedule without entries for a rail of the run.
+    InputError as for `LinearControl`, or if the schedule has no entries for a rail of the run.
     """
 
     kind: ClassVar[str] = "scheduled"
@@ -132,7 +132,7 @@ class Scheduled(Controller):
     rule: Rule = Field(Rule.BACKWARD, description="rule that converts the PI to a difference equation")
 
     class State(Record):
-        """State of lead and PI."""
+        """State of the controller: states of lead and PI, and values of the previous sample."""
 
         integral: float = quantity("N*m", "integral part of the torque", default=0.0)
         error: float = quantity("m/s", "slip error of the previous sample", default=0.0)
@@ -140,7 +140,7 @@ class Scheduled(Controller):
         unlimited_torque: float = quantity("N*m", "torque of the previous sample, without limits", default=0.0)
 
     class Parameters(Record):
-        """Numbers that the step reads: lead, integrator, limits, and the gains of the rail over speed."""
+        """Parameters of `step`: coefficients of lead and integrator, limits, and the gains over speed on one rail."""
 
         radius: float = quantity("m", "wheel radius")
         lead_pole: float = quantity("1", "pole of the lead in z")
@@ -158,7 +158,10 @@ class Scheduled(Controller):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Read the keys of a file; `schedule` may be the name of a file written by `GainSchedule.to_json`."""
+        """Make the controller from the keys of its file.
+
+        The key "schedule" is a table, or the name of a file with the text of `GainSchedule.to_json`.
+        """
         if isinstance(content.get("schedule"), str):
             schedule = GainSchedule.from_json(read_text(path.parent / content["schedule"]))
             content = {**content, "schedule": schedule}
@@ -174,7 +177,7 @@ class Scheduled(Controller):
         return self
 
     def linear(self, point: OperatingPoint | None) -> PIController:
-        """Return the PI at an operating point's speed and rail."""
+        """Return the PI-lead with the gains for speed and rail of an operating point; InputError if `point` is None."""
         if point is None:
             raise InputError(f"controller {self.label}: its gains depend on the speed; give an operating point")
         return self.schedule.controller(point.speed, point.rail)
@@ -198,7 +201,7 @@ class Scheduled(Controller):
         }
 
     def _lead(self, h: float) -> tuple[float, float, float]:
-        """Return the pole p and the weights q0, q1 of the lead (q0 z + q1)/(z - p), the same at all speeds."""
+        """Return p, q0 and q1 of the sampled lead (q0 z + q1)/(z - p), for all speeds; h is the period, s."""
         design = PIController(PIGains(kp=1.0, ki=0.0), self.schedule.lead, self.schedule.lead_filter)
         limits = self.least_torque, self.largest_torque
         lead = SampledController(design, h, *limits, self.rule, self.tracking_time).transfer_function
@@ -209,7 +212,7 @@ class Scheduled(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Return the torque of a PI-lead whose gains are interpolated at the train speed."""
+        """Return the torque of the PI-lead, N*m, with gains interpolated at the train speed."""
         speed, applied = measurement.train_speed, measurement.applied_torque
         error = parameters.reference_slip * speed - (speed - parameters.radius * measurement.wheel_speed)
         if not math.isfinite(error):
@@ -242,7 +245,10 @@ class Scheduled(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the given `schedule`, torque from 0 to the full brake, and anti-windup."""
+        """Return the controller with the fields `given`, which include `schedule`.
+
+        By default the torque is limited to 0 and the full brake, and the anti-windup has the time `TRACKING_TIME`.
+        """
         limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), "tracking_time": TRACKING_TIME}
         return cls(**{**limits, **given}).believing(vehicle)
 

@@ -22,15 +22,15 @@ _FILTER_TIME = 0.05  # s, default time constant of the wheel-speed filter
 
 
 class SlideProtection(Controller):
-    """Slide protection with a valve: dump at large slip, fill at small slip, hold in between.
+    """Slide protection with a valve: it dumps at large slip, fills at small slip, and holds the torque in between.
 
     The valve dumps if the slip is above `dump_slip`, or if it is above `fill_slip` and the wheel decelerates by more
     than `dump_deceleration`. It fills if the slip is below `fill_slip`, and otherwise holds. The commanded torque
-    rises by `fill_rate` and falls by `dump_rate`, between 0 and `torque_max`, the driver's full brake. `reference` is
+    rises at `fill_rate` or falls at `dump_rate`, and stays between 0 and `torque_max`, the full brake. `reference` is
     optional and used only to judge the slip.
 
     The default slips are in the range in which wheel slide protection in service acts (5 to 30 %). The other defaults
-    follow from the rule of `for_vehicle` for the published vehicle. InputError unless fill_slip < dump_slip.
+    are the results of `for_vehicle` for the vehicle of [Park2008]. InputError unless fill_slip < dump_slip.
     """
 
     kind: ClassVar[str] = "slide-protection"
@@ -52,7 +52,7 @@ class SlideProtection(Controller):
     filter_time: float = quantity("s", "time constant of the wheel-speed filter", gt=0, default=_FILTER_TIME)
 
     class State(Record):
-        """State of valve, filter and torque; the brake is released at first, and the first sample sets the filter."""
+        """State of the controller; initially the torque is 0, and the first sample sets the filtered wheel speed."""
 
         torque_asked: float = quantity("N*m", "commanded torque", default=0.0)
         filtered_rim_speed: float = quantity("m/s", "filtered wheel speed r omega", default=0.0)
@@ -70,7 +70,7 @@ class SlideProtection(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Set the valve by slip and wheel deceleration; return the torque."""
+        """Set the valve according to slip and wheel deceleration, and return the commanded torque, N*m."""
         speed = measurement.train_speed
         rim = parameters.radius * measurement.wheel_speed
         if not (math.isfinite(speed) and math.isfinite(rim)):
@@ -108,11 +108,12 @@ class SlideProtection(Controller):
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
         """Return the controller with thresholds and rates for a vehicle.
 
-        The reaction time to a slide is the dead time plus the lag of the brake. In this time the valve fills the torque
-        that a very slippery rail can carry, or dumps sixteen times as much. `dump_deceleration` is the train's
-        deceleration on the best rail plus that of the wheel by a random force ([Park2008] p. 55: 0.0125 of the wheel
-        load, times r^2/J at the rim). The filter removes the wheel's oscillation on the rolling contact, about
-        5 Hz, which is not a slide. The slips keep their defaults.
+        The brake reacts to a slide after its dead time plus its lag. In this time a filling valve raises the torque by
+        0.05 N r, which the adhesion of a very slippery rail can transmit, and a dumping valve lowers it by 0.8 N r. N
+        is the wheel load. `dump_deceleration` is the sum of two decelerations: that of the train on the best rail
+        (0.35 g), and that of the rim by a random force of 0.0125 N ([Park2008] p. 55), which is 0.0125 N r^2/J. The
+        filter removes an oscillation of the wheel in the rolling contact, about 5 Hz, which is not a slide. The slip
+        thresholds keep their defaults.
         """
         wheel, actuator = vehicle.wheel, vehicle.actuator
         time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default

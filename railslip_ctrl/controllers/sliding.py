@@ -25,10 +25,13 @@ from .base import Controller, Situation, layout_of, outside
 from .translate import ARGUMENTS, PARAMETERS
 
 FILTER_TIME = 0.1
-"""Time constant of the filter that estimates v', s; [Park2008] does not give it, and it hardly changes results."""
+"""Time constant of the filter that estimates the train's acceleration v', s.
+
+[Park2008] does not state it. It hardly changes the results.
+"""
 
 _LEAST_SPEED = 1e-3
-"""Train speed below which the assumed adhesion is 0, m/s, because the slip ratio is not defined at standstill."""
+"""Train speed, m/s, below which the assumed adhesion is set to 0: at standstill the slip ratio is not defined."""
 
 
 @outside
@@ -46,9 +49,10 @@ def law_step(state: Any, v: Any, omega: Any, Ta: Any, parameters: Any) -> Any:
 class Sliding(Controller):
     """Sampled sliding-mode law of [Park2008] (45), derived by `sliding.derivation`.
 
-    The law needs the adhesion torque Ta. It is computed as the static torque of an adhesion law at the measured slip
-    velocity: of `adhesion` or, by default, of the law of the run. When the rail changes, the reference slip changes;
-    with `knows_rail` the assumed adhesion law changes too. InputError: torque_min >= torque_max.
+    The law needs the adhesion torque Ta, which is not measured. The controller computes Ta from an adhesion law at the
+    measured slip velocity, without dynamics of the adhesion. This law is `adhesion` or, by default, the adhesion law of
+    the run. When the rail changes, the reference slip changes; if `knows_rail` is True, the assumed adhesion law
+    changes too. InputError: torque_min >= torque_max.
     """
 
     kind: ClassVar[str] = "asmc"
@@ -82,7 +86,7 @@ class Sliding(Controller):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Read the keys of a controller file; the key "adhesion" has a file name or a table with an adhesion law."""
+        """Make the controller from the keys of its file; "adhesion" is a file name, or a table with an adhesion law."""
         v0 = None if initial_speed is None else initial_speed / KMH
         if isinstance(given := content.get("adhesion"), str):
             if not given.lower().endswith(".toml"):
@@ -98,7 +102,7 @@ class Sliding(Controller):
 
     @property
     def gains(self) -> LawGains:
-        """Gains of the law, as the record that its verification uses."""
+        """Gains of the law as a `LawGains` record, which the verification of the law reads."""
         names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "box", "dead_zone")
         return LawGains(**{name: getattr(self, name) for name in names})
 
@@ -139,7 +143,7 @@ class Sliding(Controller):
         )
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
-        """Return the parameters of the generated law, and the parameters of the assumed adhesion law."""
+        """Return the parameters of the generated law by name, with those of the adhesion law as the array `assumed`."""
         assert self.wheel_load is not None, "`believing` sets it"
         assert self.inertia_scale is not None, "`believing` sets it"
         assert self.nominal_mass is not None, "`believing` sets it"
@@ -202,7 +206,7 @@ class Sliding(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Return the torque of the generated law, with the static torque Ta of the assumed adhesion law."""
+        """Return the torque of the generated law; Ta is computed from the assumed adhesion law."""
         v, omega, Ta = measurement.train_speed, measurement.wheel_speed, 0.0
         if v > _LEAST_SPEED:
             Ta = parameters.r * assumed_force(v, v - parameters.r * omega, parameters)
@@ -219,15 +223,15 @@ class Sliding(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the given gains; it assumes the parameters of the vehicle."""
+        """Return the controller with the fields `given`; those that are not given it takes from the vehicle."""
         return cls(**given).believing(vehicle)
 
 
 @cache
 def _force_text(kind: type[Sliding], model: type[AdhesionLaw] | None) -> str:
-    """Return the kernel text of `assumed_force` and of the functions of the assumed adhesion law.
+    """Return source text, for the compiled simulation, of `assumed_force` and of the adhesion law that it calls.
 
-    Without a model, `assumed_force` calls the functions of the run's adhesion law, which every kernel has.
+    If `model` is None, `assumed_force` calls the adhesion law of the run, which the simulation already contains.
     """
     own, prefix = ("", "") if model is None else (prefixed(scalar_source(model), "own_"), "own_")
     return f"""{own}

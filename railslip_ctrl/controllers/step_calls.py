@@ -1,4 +1,4 @@
-"""A kernel calls a user's step by its address, so that one compiled kernel serves every step."""
+"""Calls a user's step from the compiled simulation by its address, so that one compilation serves every step."""
 
 from __future__ import annotations
 
@@ -17,12 +17,18 @@ It returns the torque (N*m).
 
 
 def address_of(step: Any) -> int:
-    """Return the address of a `STEP`; the caller must keep a reference to it as long as the address is used."""
+    """Return the address of `step`, a function of the type `STEP`.
+
+    The caller must keep the object `step` alive as long as the address is used.
+    """
     return ctypes.cast(step, ctypes.c_void_p).value or 0
 
 
 def call_step(address: float, t: float, v: float, omega: float, x: Any) -> float:
-    """Return the torque, N*m, of the step at an address; kernels use the compiled form below."""
+    """Return the torque, N*m, of the step at an `address`; compiled code calls `_compiled_call` instead.
+
+    t is the time, s, v the train speed, m/s, omega the wheel speed, rad/s, and x the state, 1-D.
+    """
     return float(STEP(int(address))(t, v, omega, x.ctypes.data))
 
 

@@ -1,4 +1,4 @@
-"""Linear controllers as systems, and the wheel-slip loop of a controller.
+"""Transfer functions of linear controllers, and the wheel-slip loop of a controller.
 
 The loop transfer function is L(s) = C(s) Ga(s) P(s). C is the controller, from the slip-velocity error
 e = lambda_d v - sigma to the commanded brake torque. Ga is the brake actuator with its dead time. P is the wheel, from
@@ -65,7 +65,7 @@ class PIController:
 
 
 def pi_transfer_function(kp: float, ki: float) -> Rational:
-    """Return kp + ki/s in factored form; it has no integrator if ki = 0."""
+    """Return kp + ki/s in factored form; if ki = 0, it is the gain kp without an integrator."""
     if ki == 0:
         return Rational(np.array([]), np.array([]), kp)
     zeros = np.array([]) if kp == 0 else np.array([-ki / kp])
@@ -80,7 +80,7 @@ def _first_order(lead: float, lag: float) -> Rational:
 
 
 class _System:
-    """Base class of the records of linear systems; a system with a `period`, s, is discrete."""
+    """Base class of records of linear systems; a system is discrete if it has a sampling `period`, s."""
 
     period: Any
     transfer_function: Any
@@ -93,7 +93,7 @@ class _System:
 
     @property
     def structure(self) -> str:
-        """Short description of the system."""
+        """Type and order of the system in a few words."""
         system = self.transfer_function
         if system.poles.size == 0 and self.period is None:
             return f"gain {system.gain:g} N*m/(m/s)"
@@ -102,12 +102,12 @@ class _System:
 
 @dataclass(frozen=True)
 class PolynomialController(_System):
-    """Transfer function C = num/den as a ratio of polynomials.
+    """Transfer function C = num/den as a ratio of polynomials, N*m/(m/s).
 
-    - num, den: coefficients of descending powers of s, or of z with a `period`; C in N*m/(m/s).
+    - num, den: coefficients of descending powers of s, or of z for a discrete controller.
     - period: sampling period of a discrete controller, s; None for a continuous one.
 
-    InputError: coefficients that are not finite, a zero denominator, more zeros than poles, or a period that is not
+    InputError: coefficients that are not finite, a denominator of zero, more zeros than poles, or a period that is not
     > 0.
     """
 
@@ -125,10 +125,10 @@ class PolynomialController(_System):
 class StateSpaceController(_System):
     """State-space controller x' = a x + b e, torque = c x + d e; if discrete, x' is the next x.
 
-    - a, b, c, d: tuples of float; n by n, n, n and a number; SI, torque in N*m for e in m/s.
-    - period: as in `PolynomialController`, s.
+    - a, b, c, d: n rows of n numbers, n numbers, n numbers, and one number, as tuples; e in m/s, torque in N*m.
+    - period: sampling period of a discrete controller, s; None for a continuous one.
 
-    InputError: shapes that do not fit, entries that are not finite, or a period that is not > 0.
+    InputError: lengths that do not match n, entries that are not finite, or a period that is not > 0.
     """
 
     a: tuple[tuple[float, ...], ...]
@@ -166,7 +166,7 @@ def plain_number(value: float | tuple[Any, ...]) -> str:
 
 
 LinearController = PIController | PolynomialController | StateSpaceController
-"""Records to which `linear_controller` converts any linear controller."""
+"""Types of the records that `linear_controller` returns."""
 
 
 @checked
@@ -174,10 +174,11 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
     """Convert a linear controller, from slip error e (m/s) to torque (N*m), to a `LinearController`.
 
     - controller: linear system: `PIGains`, `PIController`, python-control TransferFunction or StateSpace, scipy.signal
-      system, `Rational` or a real number; or an object with `linear(operating_point)` that returns one of these.
-    - point: operating point for `linear`.
+      system, `Rational` or a real number; or an object with a method `linear(operating_point)` that returns one of
+      these.
+    - point: operating point with which the method `linear` is called; not used for other objects.
 
-    InputError: any other object, such as an object or a function that only has a step.
+    InputError: any other object, for example a function, or an object that has a method `step` but no `linear`.
     """
     if isinstance(controller, PIController | PolynomialController | StateSpaceController):
         return controller
@@ -223,7 +224,7 @@ def _check_object(controller: Any) -> None:
 
 
 def _linear_kind(controller: Controller, point: OperatingPoint | None) -> LinearController:
-    """Return the linear system of a controller of a kind; InputError if it has none."""
+    """Return the linear system of a `Controller` at an operating point; InputError if it has none."""
     system = controller.linear(point)
     if system is None:
         raise InputError(
@@ -233,7 +234,10 @@ def _linear_kind(controller: Controller, point: OperatingPoint | None) -> Linear
 
 
 def linear_of(controller: Any) -> Any:
-    """Return the attribute `linear`, or None without one; InputError if a property `linear` raises an error."""
+    """Return the attribute `linear` of an object; None if it has none.
+
+    InputError if `linear` is a property that raises an error.
+    """
     try:
         return controller.linear
     except Exception as error:  # a user's property may fail in any way
@@ -245,7 +249,10 @@ def linear_of(controller: Any) -> Any:
 
 
 def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:
-    """Return the system that the method `linear` of a user's object gives at a point."""
+    """Return the linear system that the user's method `linear` returns at an operating point.
+
+    InputError if `point` is None, or if the method fails or returns something else.
+    """
     if point is None:
         raise InputError(f"controller {name}: its linear system depends on the operating point; give a point")
     try:
@@ -271,15 +278,15 @@ def is_function(thing: Any) -> bool:
 
 
 def is_system(controller: Any) -> bool:
-    """Return True for a linear system; those of python-control and SciPy have inputs and a `dt`."""
+    """Return True for a linear system; systems of python-control and SciPy are known by inputs and a `dt`."""
     has_inputs = hasattr(controller, "ninputs") or hasattr(controller, "inputs")
     return (has_inputs and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
 
 
 def has_step(controller: Any) -> bool:
-    """Return True for a function, or an object with a method `step` that is not a linear system.
+    """Return True for a function, and for an object with a method `step` that is not a linear system.
 
-    A system of scipy.signal also has a `step`, its step response, and an object with a step may have a `dt`.
+    In linear systems of scipy.signal the method `step` computes the step response.
     """
     if isinstance(controller, Controller):
         return False
@@ -287,7 +294,7 @@ def has_step(controller: Any) -> bool:
 
 
 def step_alone(controller: Any) -> InputError:
-    """Return the InputError for a controller that has no margins because it only has a step."""
+    """Return the InputError for a user's controller without a method `linear`, whose margins cannot be computed."""
     where = place_of(getattr(controller, "step", controller))
     lacking = "an object that has step and" if is_function(controller) else "it"
     return InputError(
@@ -302,10 +309,10 @@ def _name(thing: Any) -> str:
 
 @checked
 def controller_system(controller: Any, point: OperatingPoint | None = None) -> Rational:
-    """Return C(s) of a continuous linear controller, N*m/(m/s), at an operating point.
+    """Return the transfer function C(s), N*m/(m/s), of a continuous linear controller at an operating point.
 
-    Arguments and errors are those of `linear_controller`. InputError also for a discrete controller; for its margins
-    use `wheel_slip_loop`.
+    Arguments and errors are those of `linear_controller`. A discrete controller is also an InputError; use
+    `wheel_slip_loop` to compute its margins.
     """
     if isinstance(controller, Rational):
         return controller
@@ -319,19 +326,19 @@ def controller_system(controller: Any, point: OperatingPoint | None = None) -> R
 
 
 def polynomials(controller: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return numerator and denominator of a continuous linear controller: coefficients of descending powers of s."""
+    """Return numerator and denominator of a continuous linear controller, each as coefficients of descending powers."""
     num, den = (polynomial.coeffs()[::-1] for polynomial in controller_system(controller).polynomials)
     return tuple(map(float, num)), tuple(map(float, den))
 
 
 @checked
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
-    """Return the system from commanded torque (N*m) to -e (m/s): the wheel and the actuator's lag, without dead time.
+    """Return the transfer function, (m/s)/(N*m), of brake lag and wheel in series, without the dead time.
+
+    Its input is the commanded torque, its output -e, the negative slip error.
 
     - plant: linear wheel.
     - actuator: brake actuator; only its lag, s, is used.
-
-    Returns a SISO system in m/s over N*m.
     """
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
@@ -344,15 +351,14 @@ def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
 def wheel_slip_loop(plant: LinearPlant | OperatingPoint, controller: Any, actuator: Actuator | None = None) -> Any:
     """Return the loop L(s) = C(s) Ga(s) P(s) with exact dead time; for a discrete controller the exact sampled loop.
 
-    For a kind that defines its own loop, such as the seeking controller, this loop is returned.
+    - plant: the wheel P, from acting torque (N*m) to -e (m/s), as an operating point or its linear plant.
+    - controller: C, from slip error e = lambda_d v - sigma (m/s) to commanded torque (N*m); an object that
+      `linear_controller` accepts, or a `Controller` that computes its loop itself (method `loop`).
+    - actuator: the brake Ga with dead time and lag, s; by default that of the operating point's vehicle.
 
-    - plant: P, from torque at the wheel (N*m) to -e (m/s), which is sigma if the train speed is constant.
-    - controller: C, from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as in `linear_controller`; or a
-      controller of a kind that defines its own loop.
-    - actuator: Ga, dead time and lag, s, [Park2008] p. 55; by default those of the operating point's vehicle.
-
-    Returns L, dimensionless, SISO, for unity negative feedback: a `DeadTimeLoop`; a `SampledLoop` for a discrete
-    controller; a `DelayedLoop` for a loop with inner delays.
+    Returns the dimensionless loop L for unity negative feedback. It is a `SampledLoop` for a discrete controller, the
+    result of the method `loop` for a controller that computes its loop itself (for the seeking controller a
+    `DelayedLoop`, which contains delays inside the loop), and a `DeadTimeLoop` otherwise.
     InputError: an argument of wrong type, or a controller without a transfer function.
     """
     if isinstance(plant, OperatingPoint):

@@ -15,10 +15,10 @@ from .base import Controller
 
 
 class TorqueProfile(Controller):
-    """Torque over time, linear between the given points and constant outside.
+    """Open-loop torque over time, linear between the given points, and constant before the first and after the last.
 
-    `reference` is optional and used only to judge the slip. InputError: empty lists or lists of different
-    lengths, or times that do not rise.
+    `reference` is optional and used only to judge the slip. InputError: empty lists, lists of different lengths, or a
+    time that is not later than the time before it.
     """
 
     kind: ClassVar[str] = "torque-profile"
@@ -46,7 +46,7 @@ class TorqueProfile(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Return the torque at the time of the sample, linear between the points, constant outside."""
+        """Return the torque of the profile at the time of the sample, N*m."""
         last = len(parameters.times) - 1
         if measurement.time <= parameters.times[0]:
             return parameters.torques[0]

@@ -1,10 +1,10 @@
-"""Translation of a controller's step from its Python source to the text of a kernel.
+"""Translates the control law of a controller, its function `step`, for the compiled simulation.
 
-A step is a function of (state, measurement, parameters), which are records with named fields. The step and the
-functions that it calls compute only with numbers. They may use assignments, `if`, `while`, `for ... in range(...)`,
-`return`, the functions `min`, `max`, `abs`, `int`, `float` and `len`, functions of `math` (`MATH`), and constants of
-their modules. They read fields of state, measurement and parameters, and write only fields of the state. `c_code`
-prints the same functions as C99.
+The function step(state, measurement, parameters) has three records as arguments. It is read from its Python source. The
+function and the functions that it calls compute only with numbers. They may use assignments, `if`, `while`,
+`for ... in range(...)`, `return`, the functions `min`, `max`, `abs`, `int`, `float` and `len`, functions of `math`
+(`MATH`), and constants of their modules. They may read fields of the three records, but write only fields of the state.
+`c_code` translates the same functions to C99.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 STATE, MEASUREMENT, PARAMETERS = "state", "measurement", "parameters"
 ROLES = (STATE, MEASUREMENT, PARAMETERS)
-"""Roles of the first three arguments of a step."""
+"""Roles of the three arguments of a function `step`, in order."""
 
 MEASURED = MappingProxyType({"time": "_t", "train_speed": "_v", "wheel_speed": "_omega", "applied_torque": "_applied"})
-"""Fields of a measurement (s, m/s, rad/s, N*m), and their names in a kernel."""
+"""Fields of a measurement (s, m/s, rad/s, N*m), each with its name in the translated text."""
 
 BUILTINS = ("min", "max", "abs", "int", "float", "len", "range")
 MATH = {
     **dict.fromkeys(("exp", "log", "sqrt", "fabs", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "isfinite"), 1),
     **dict.fromkeys(("pow", "atan2", "hypot", "copysign"), 2),
 }
-"""Functions of `math` that Numba and C also have, with their numbers of arguments."""
+"""Functions of `math` that Numba and C also have, each with its number of arguments."""
 _NODES = (
     *(ast.FunctionDef, ast.arguments, ast.arg, ast.Assign, ast.AugAssign, ast.Expr, ast.If, ast.While, ast.For),
     *(ast.Return, ast.Pass, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Constant),
@@ -46,20 +46,20 @@ _NODES = (
     *(ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq),
 )
 _LARGEST_WHOLE = 2**31 - 1
-"""Largest integer that every target language can represent."""
+"""Largest integer constant that a step may contain: the largest signed integer of 32 bits."""
 
 
 @dataclass(frozen=True)
 class Function:
-    """A step, or a function that it calls, read from its source.
+    """Source of a function `step`, or of a function that it calls.
 
-    - name: unique among the functions of the step.
-    - node: definition of the function, without decorators, annotations and docstring.
+    - name: name of the function, unique among the functions that are translated together.
+    - node: syntax tree of the function, without decorators, annotations and docstring.
     - doc: docstring of the function.
-    - roles: roles of the arguments that are the state, the measurement or the parameters.
-    - constants: constants of the module that the function uses, by name.
-    - calls: functions that the function calls, by the names in the calls.
-    - is_outside: True if the function is marked as `outside`, so that each target language defines it.
+    - roles: for each argument that is a record, which one: "state", "measurement" or "parameters".
+    - constants: values of the constants that the function uses, by name.
+    - calls: functions that the function calls, by the names that it uses for them.
+    - is_outside: True if the function is marked as `outside` and is therefore not translated.
     """
 
     name: str
@@ -76,11 +76,11 @@ class Function:
         return tuple(argument.arg for argument in self.node.args.args)
 
     def role(self, node: ast.AST) -> str | None:
-        """Return the role in `ROLES` of an expression that is an argument of the function; None for any other one."""
+        """Return which record an expression is ("state", "measurement" or "parameters"); None if it is no record."""
         return self.roles.get(node.id) if isinstance(node, ast.Name) else None
 
     def all(self) -> dict[str, Function]:
-        """Return this function and all that it calls, by name; each function comes after those that it calls."""
+        """Return this function and all functions that it calls, by name; a called function comes before its caller."""
         functions: dict[str, Function] = {}
         for called in self.calls.values():
             functions |= {name: each for name, each in called.all().items() if name not in functions}
@@ -88,21 +88,22 @@ class Function:
 
 
 def outside(function: F) -> F:
-    """Mark a function that a step calls but that each target language must define under the same name."""
+    """Mark a function that `step` calls as not translated: every translation must define this function by itself."""
     function.__dict__["is_outside"] = True
     return function
 
 
 def with_functions(step: Callable[..., Any], functions: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
-    """Return a step that calls `functions` instead of the functions of the same name that are marked as `outside`."""
+    """Return a copy of `step` that calls the given `functions` instead of the global functions of the same names."""
     assert isinstance(step, FunctionType), "a kind's step is a static method"
     return FunctionType(step.__code__, {**step.__globals__, **functions}, step.__name__) if functions else step
 
 
 def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) -> Function:
-    """Read a step, or a function whose first arguments are those of a step, and all functions that it calls.
+    """Read the source of a function `step` and of all functions that it calls.
 
-    - roles: roles of the arguments by name; by default the first three are state, measurement and parameters.
+    - roles: for each argument that is a record, by name, one of `ROLES`. By default the first three arguments are
+      state, measurement and parameters.
 
     InputError, with file and line, for code that cannot be translated.
     """
@@ -131,7 +132,7 @@ def ends(nodes: Sequence[ast.stmt]) -> bool:
 
 
 def _place(function: Any, line: int) -> str:
-    """Return file and line as text; `line` counts from 0 at the first line of the function."""
+    """Return text with the file and the line of a place in a function; `line` is 0 for its first line."""
     return place(function.__code__.co_filename, function.__code__.co_firstlineno + line)
 
 
@@ -141,7 +142,10 @@ def _read(
     known: dict[FunctionType, Function],
     above: tuple[FunctionType, ...],
 ) -> Function:
-    """Read a function; `known` are the functions already read, `above` the functions that call it."""
+    """Read a function and the functions that it calls.
+
+    `known` contains the functions that are already read, `above` the functions that call this one.
+    """
     if function in above:
         raise InputError(f"{_place(function, 0)}: {function.__name__} calls itself; write a loop")
     if function in known:
@@ -249,7 +253,7 @@ def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterat
 
 
 def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.AST, str]]:
-    """Yield the faults of a `for` loop with the reason; `parts` are all nodes of the function."""
+    """Yield a `for` loop that is not allowed, with the reason; `parts` are all nodes of the function."""
     call, target = loop.iter, loop.target
     is_range = isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"
     if not (is_range and 1 <= len(call.args) <= 2 and isinstance(target, ast.Name)):  # type: ignore[attr-defined]
@@ -313,11 +317,11 @@ def _is_name(node: ast.AST, name: str) -> bool:
 
 @dataclass(frozen=True)
 class Layout:
-    """Indices of the fields in a kernel's arrays: the state in `_x`, the parameters in `_c`.
+    """Positions of a controller's numbers in two arrays of the compiled simulation: state `_x`, parameters `_c`.
 
-    `_c` begins with `first` numbers that the kernel itself uses. Then come the scalar parameters, then the first index
-    and the length of each array of the parameters and of the state, then the arrays of the parameters. `_x` has the
-    scalars of the state, then its arrays.
+    `_x` contains the scalars of the state, then the arrays of the state one after the other. `_c` contains in this
+    order: `first` numbers of the simulation itself; the scalar parameters; start index and length of each array
+    parameter and of each array of the state; the array parameters one after the other.
     """
 
     state: tuple[str, ...]
@@ -327,7 +331,10 @@ class Layout:
     first: int
 
     def row(self, values: Mapping[str, Any], state_sizes: Sequence[int]) -> tuple[float, ...]:
-        """Return the numbers of `_c` from index `first` on; `state_sizes` are the lengths of the state's arrays."""
+        """Return the part of `_c` from index `first` on.
+
+        `values` are the parameters by name, `state_sizes` the lengths of the arrays of the state.
+        """
         arrays = [tuple(map(float, values[name])) for name in self.parameter_arrays]
         index = self.first + len(self.parameters) + 2 * (len(arrays) + len(state_sizes))
         header: list[float] = []
@@ -342,14 +349,17 @@ class Layout:
         return (*scalars, *header, *(number for array in arrays for number in array))
 
     def scalar(self, role: str, name: str) -> str | None:
-        """Return the text of a scalar field; None if it is not a scalar."""
+        """Return the translated text of a scalar field, for example "_x[2]"; None if the field is not a scalar."""
         if role == MEASUREMENT:
             return MEASURED.get(name)
         names, array, first = (self.state, "_x", 0) if role == STATE else (self.parameters, "_c", self.first)
         return f"{array}[{first + names.index(name)}]" if name in names else None
 
     def array_header(self, role: str, name: str) -> int | None:
-        """Return the index in `_c` of the first index and length of an array; None if it is not an array."""
+        """Return the index in `_c` at which the start index of an array field is stored, followed by its length.
+
+        None if the field is not an array.
+        """
         if role == MEASUREMENT:
             return None
         names = (*self.parameter_arrays, *self.state_arrays)
@@ -364,9 +374,11 @@ ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
 
 
 def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
-    """Return the functions of a step as kernel text; the last one is `command(x, t, v, omega, applied, c, table)`.
+    """Return the translation of `step` and of the functions that it calls, as text for the compiled simulation.
 
-    Arguments of the step other than state, measurement and parameters come after these.
+    The last function of the text has the name `command` and calls `step`. Its arguments are the state array, time,
+    train speed, wheel speed, applied torque, parameter array and adhesion table, then those of `step` that are no
+    records.
     """
     functions = [function for function in step.all().values() if not function.is_outside]
     printed = [f"@compiled\n{ast.unparse(_Printer(function, layout).printed())}\n" for function in functions]
@@ -380,7 +392,7 @@ def _prefixed(name: str) -> str:
 
 
 class _Printer(ast.NodeTransformer):
-    """Replace the fields in a function by elements of the kernel's arrays."""
+    """Replaces the fields of records in a function by elements of the arrays of the compiled simulation."""
 
     def __init__(self, function: Function, layout: Layout) -> None:
         self._function, self._layout = function, layout
@@ -397,7 +409,7 @@ class _Printer(ast.NodeTransformer):
         return ast.fix_missing_locations(definition)
 
     def _prologue(self) -> Iterable[ast.stmt]:
-        """Yield statements that read first index and length of each array that the function uses."""
+        """Yield statements that read the start index and the length of each array that the function uses."""
         for name, header in self._arrays.items():
             yield from ast.parse(f"_at_{name} = int(_c[{header}])\n_len_{name} = int(_c[{header + 1}])").body
 
@@ -431,7 +443,7 @@ class _Printer(ast.NodeTransformer):
         return ast.Subscript(ast.Name(array, ast.Load()), index, node.ctx)
 
     def _array(self, node: ast.expr) -> tuple[int, str, str]:
-        """Return, for an array field, the result of `Layout.array_header`, its variables' suffix, and the array."""
+        """Return for an array field the result of `Layout.array_header`, its name in variables, and "_x" or "_c"."""
         if not isinstance(node, ast.Attribute) or (role := self._function.role(node.value)) is None:
             raise InputError(
                 f"{self._function.name}: {ast.unparse(node)} is not an array; give an array of state or parameters"

@@ -1,8 +1,8 @@
-"""Controllers given by a user's step: a Python object, a function, or a function compiled by Numba.
+"""Controllers whose control law is a user's object or function, in Python or compiled by Numba.
 
-The kernel calls the step by its address once a sample, with the time (s), the measured train speed (m/s) and the
-measured wheel speed (rad/s). The step returns the torque to command until the next sample, N*m. It is not compiled into
-the kernel.
+The simulation calls this function, the step, by its address once a sample, with the time (s), the measured train speed
+(m/s) and the measured wheel speed (rad/s). The step returns the torque to command until the next sample, N*m. The
+simulation is not compiled again for another step.
 """
 
 from __future__ import annotations
@@ -39,7 +39,10 @@ ADDRESS = 1  #: index of the step's address among the controller's numbers in a 
 
 
 class UserStep:
-    """Step of a user: `thing` is an object with `step(t, v, omega)`, or a function, in Python or compiled by Numba."""
+    """A user's control law: `thing` is a function, or an object with a method `step(t, v, omega)`.
+
+    The function may be a Python function or compiled by Numba.
+    """
 
     def __init__(self, thing: Any) -> None:
         self.thing = thing
@@ -51,12 +54,12 @@ class UserStep:
 
     @property
     def function(self) -> Any:
-        """Function that computes the step."""
+        """The function itself, or the method `step` of the object."""
         return self.thing if is_function(self.thing) else getattr(self.thing, "step", None)
 
     @property
     def is_numba(self) -> bool:
-        """True if the step is compiled by Numba and can run without the interpreter."""
+        """True if the function is compiled by Numba, so that it runs without the Python interpreter."""
         return hasattr(self.function, "py_func")
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -77,7 +80,7 @@ class UserStep:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the source of the step and of the attributes of its object."""
+        """Hash of the source code, and of the attributes of the object unless its step is compiled by Numba."""
         of = getattr(self.thing, "py_func", self.thing)
         try:
             source = inspect.getsource(of if inspect.isfunction(of) else type(of))
@@ -94,15 +97,16 @@ def _unpacked(content: bytes) -> UserStep:
 
 
 class StepControl(Controller):
-    """Controller given by a user's step.
+    """Controller whose control law is a user's Python object or function.
 
-    - thing: an object with `step(t, v, omega) -> torque`, in SI, and optionally `reset(t, v, omega)`, which is called
-      once before the first sample; or a function step(t, v, omega), in Python or compiled by Numba. Each run uses its
-      own copy of an object that can be copied.
-    - start_numbers: initial state of a function, 1-D, in any units. With a state, the function is step(t, v, omega, x)
-      and updates the array x.
+    - thing: a function step(t, v, omega), in Python or compiled by Numba, or an object with the method
+      `step(t, v, omega)`. It returns the torque (N*m) for time (s), train speed (m/s) and wheel speed (rad/s). If the
+      object has a method `reset(t, v, omega)`, it is called once before the first sample. Each run uses a copy of the
+      object; an object that cannot be copied needs `reset`.
+    - start_numbers: initial state of a function, 1-D, in any units. If it is given, the function is
+      step(t, v, omega, x) and updates the state, the array x.
 
-    `reference` is used only to judge the slip. InputError: a step that cannot be called.
+    `reference` is used only to judge the slip. InputError if `thing` has no step that can be called.
     """
 
     kind: ClassVar[str] = "step"
@@ -132,7 +136,7 @@ class StepControl(Controller):
         return {f"x{i + 1}": i for i in range(len(self.start_numbers))}
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """Return the linear system that the object gives at an operating point; InputError if it gives none."""
+        """Return the result of the object's method `linear` at an operating point; InputError if it has none."""
         return linear_controller(self.thing.thing, point)
 
     @property
@@ -160,18 +164,18 @@ def command({", ".join(ARGUMENTS)}):
         return self.label
 
     def opened(self, v: float, omega: float) -> PythonCall | NumbaCall:
-        """Return the step for one run, with initial train speed `v`, m/s, and wheel speed `omega`, rad/s."""
+        """Return the step, prepared for one run that begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
         return NumbaCall(self) if self.thing.is_numba else PythonCall(self, v, omega)
 
     def refused(self, torque: Any, t: float) -> InputError:
-        """Return the InputError for an invalid torque at time t, s."""
+        """Return the InputError for a torque, returned by the step at time t, s, that is not a finite number."""
         return InputError(
             f"controller {self.label}: {place_of(self.thing.function)}step gives {shown(torque)} at t = {t:g} s; "
             "return a finite torque (N*m)"
         )
 
     def failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
-        """Return the InputError for an `error` raised by the method `what`, by default the step, at time t, s."""
+        """Return the InputError for an `error` that the user's method `what` raised at time t, s."""
         function = self.thing.function if what == "step" else getattr(self.thing.thing, what)
         arguments = "t, v, omega" + ", x" * bool(self.start_numbers)
         message = call_failure(error, function, what, arguments, f" at t = {t:g} s")
@@ -179,7 +183,10 @@ def command({", ".join(ARGUMENTS)}):
 
 
 class PythonCall:
-    """Python step with a C `address`, called in the interpreter once a sample."""
+    """Python step wrapped as a C function, which the simulation calls by its `address`.
+
+    Each sample calls the step in the Python interpreter once.
+    """
 
     def __init__(self, control: StepControl, v: float, omega: float) -> None:
         from .step_calls import STEP, address_of
@@ -228,7 +235,10 @@ class PythonCall:
         return thing.step  # type: ignore[no-any-return]
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise the error that the step had up to time t, s, if any."""
+        """Raise the InputError of a step that failed or returned an invalid torque at a sample; else do nothing.
+
+        Time t (s), train speed `v` (m/s), wheel speed `omega` (rad/s), state `x` (1-D) and `ended` are not used.
+        """
         if self._error is not None:
             error, at = self._error
             if not isinstance(error, Exception):  # KeyboardInterrupt and the like
@@ -239,7 +249,7 @@ class PythonCall:
 
 
 class NumbaCall:
-    """Step compiled by Numba with a C `address`, called without the interpreter."""
+    """Step compiled by Numba to a C function, which the simulation calls by its `address` without the interpreter."""
 
     def __init__(self, control: StepControl) -> None:
         self._control, self._count = control, len(control.start_numbers)
@@ -247,10 +257,10 @@ class NumbaCall:
         self.address = int(self._compiled.address)
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise the error of the step if the run `ended` at time t, s, because the torque was not finite.
+        """Raise the InputError of the step if the run `ended` because the torque was not finite; else do nothing.
 
-        The function is called again in the interpreter to find the error, with train speed `v` (m/s), wheel speed
-        `omega` (rad/s) and state `x`.
+        To find the error, the Python source of the step is called once more with the values at which the run ended:
+        time t (s), train speed `v` (m/s), wheel speed `omega` (rad/s) and state `x` (1-D).
         """
         if not ended:
             return
@@ -267,7 +277,13 @@ _COMPILED: dict[tuple[int, int], tuple[Any, Any]] = {}
 
 
 def _compiled(function: Any, count: int, name: str) -> Any:
-    """Return the user's function compiled to a C function; each process compiles it once."""
+    """Return the user's function compiled to a C function.
+
+    - count: number of elements of the state x; 0 for a function without a state.
+    - name: label of the controller, for messages.
+
+    Each process compiles a function only once.
+    """
     from numba import carray, cfunc, types
     from numba.core.errors import NumbaError
 
@@ -299,7 +315,7 @@ def _compiled(function: Any, count: int, name: str) -> Any:
 
 
 def _compile_failure(function: Any, error: BaseException) -> str:
-    """Return a message with file and line of the user's code that Numba cannot compile, and the reason."""
+    """Return a message with the file and line of the user's code that Numba cannot compile, and with the reason."""
     reason = numba_reason(error)
     missing = re.match(r"NameError: name '(\w+)'", reason)
     code = function.py_func.__code__
@@ -309,7 +325,7 @@ def _compile_failure(function: Any, error: BaseException) -> str:
 
 
 def numba_reason(error: BaseException) -> str:
-    """Return the reason of a Numba error in one line."""
+    """Return the reason that a Numba error message states, in one line."""
     lines = [line.strip() for line in str(error).splitlines()]
     lines = [line for line in lines if line and not line.startswith(("Failed", "-", "File", "During"))]
     reason = next(iter(lines), "")
@@ -319,9 +335,9 @@ def numba_reason(error: BaseException) -> str:
 
 
 def _stopped_at(text: str) -> tuple[str, int] | None:
-    """Return the first file and line of the user's code in a Numba message, which has relative paths.
+    """Return the first file and line that a Numba message names outside of libraries; None if there is none.
 
-    The first one is the innermost.
+    The message names the innermost call first.
     """
     libraries = (__file__, *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
     lines = ((os.path.abspath(file), int(line)) for file, line in re.findall(r'File "([^"]+)", line (\d+)', text))
@@ -329,9 +345,9 @@ def _stopped_at(text: str) -> tuple[str, int] | None:
 
 
 def _use_of(name: str, function: Any, seen: tuple[Any, ...] = ()) -> tuple[str, int] | None:
-    """Return file and line at which a Numba function, or one that it calls, uses a global `name`; None if nowhere.
+    """Return the file and line at which a Numba function, or a function that it calls, uses a global `name`.
 
-    Numba's message for a missing global has the name but no line.
+    None if the name is not used. Numba's own message for a missing global states the name, but no line.
     """
     of = function.py_func
     for instruction in dis.get_instructions(of):

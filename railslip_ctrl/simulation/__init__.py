@@ -1,14 +1,15 @@
 """Braking runs and their scenarios, campaigns of many runs, and the shortest stop that any controller can reach.
 
-Imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`.
+This package imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`.
 
-- `scenario`: the record of a braking run, and its files; `paths` finds numbers in a record by dotted path.
-- `kernel`: the integration loop. Its text, that of an adhesion law and that of a controller form one module, which
-  Numba compiles.
-- `bound`: the stop that no controller can beat, and a comparison of runs with this stop.
+- `scenario`: conditions of a braking run as a record, and scenario files; `paths` reads and changes single numbers of a
+  record by a path such as "vehicle.mass".
+- `kernel`: the integration loop. Its source text is joined with the texts of an adhesion law and a controller to one
+  module, which Numba compiles.
+- `bound`: the stop that no controller can beat, and a comparison of controllers with this stop.
 - `campaign`: many runs with varied quantities; `population`: random vehicles and rails.
-- `embedded`: C99 program of a controller.
-- `gpu`: runs on a CUDA device, with the random numbers of `counted`.
+- `embedded`: writes a controller as a C99 program.
+- `gpu`: simulates runs on a CUDA GPU, with the random numbers of `counted`.
 """
 
 from __future__ import annotations

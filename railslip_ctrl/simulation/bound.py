@@ -1,6 +1,6 @@
-"""Lower bound of the stopping distance for any controller, and a comparison of controllers with it over the same runs.
+"""Lower bound of the stopping distance for any controller, and a comparison of controllers with this bound.
 
-The bound assumes the highest adhesion of the rail at every moment, within the limits of the actuator.
+The bound assumes the highest adhesion of the rail at every moment, within the limits of the brake.
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ class ClairvoyantStop:
 
 
 def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
-    """Return lower bounds of braking time and distance in a scenario without its random force, whose mean is zero.
+    """Return lower bounds of braking time and distance in a scenario, for any controller.
 
-    The ideal controller holds the slip of highest adhesion (`numeric.peak`) as soon as the torque acts. The torque acts
-    after the dead time, within the rate limit, and through the lag if the scenario has a largest torque. Without a
-    largest torque the lag is neglected, because a large command overcomes any lag. The wheel's inertia is neglected: r
-    Fa <= Tb + B omega, omega at most v/r.
+    The random force, whose mean is zero, is left out. The ideal controller holds the slip of highest adhesion
+    (`numeric.peak`) as soon as the brake allows it. The brake torque begins to rise after the dead time, and not faster
+    than the rate limit. If the scenario has a largest torque, the torque also rises with the lag. Without a largest
+    torque the lag is neglected, because a sufficiently large command overcomes it. The inertia of the wheel is
+    neglected: the adhesion torque r Fa is at most the brake torque plus the viscous torque B v/r.
 
-    InputError for a scenario with both events in time and events in distance: their order depends on the controller.
+    InputError if some events are at a time and others at a distance, because their order depends on the controller.
     """
     kinds = {event.time is None for event in scenario.events}
     if len(kinds) > 1:
@@ -66,7 +67,10 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
 
 
 def _after(scenario: Scenario, past: list[Event]) -> tuple[float, Floats, Floats]:
-    """Return the effective mass, kg, and the highest adhesion force, N, over speed, m/s, after the `past` events."""
+    """Return the effective mass, kg, speeds, m/s, 1-D, and the highest adhesion force, N, at each of these speeds.
+
+    The values are those after the `past` events.
+    """
     mass, rail, factor = scenario.vehicle.mass, scenario.rail, scenario.adhesion_factor
     for event in past:
         mass, rail, factor = event.mass or mass, event.rail or rail, event.adhesion_factor or factor
@@ -108,7 +112,7 @@ def _brake(
 
 
 def _available_torque(scenario: Scenario) -> Callable[[float], float]:
-    """Return a function that gives the largest possible torque at a time, N*m."""
+    """Return a function of time, s, that returns the largest torque, N*m, that the brake can have reached."""
     actuator, limits = scenario.vehicle.actuator, scenario.limits
 
     def available(t: float) -> float:
@@ -132,12 +136,13 @@ _SLACK = 0.02  # excess of this command over its limits that is accepted as nume
 
 
 def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
-    """Search for the shortest stop, without noise, of a controller that knows rail and vehicle.
+    """Search for the shortest stop of a controller that knows rail and vehicle exactly, without noise.
 
     The controller commands the largest torque, then no torque until the slip stops rising. Then it holds this slip
-    ratio, or lets it decay to a smaller value. The search finds switching time, final slip and decay time. The stop
-    includes the dynamics of adhesion and wheel, which `clairvoyant_stop` neglects: the shortest possible distance is
-    between those of the two functions. Time and distance are infinite if no stop is found.
+    ratio, or lets it decay to a smaller value. The search varies the time at which the torque is switched off, the
+    final slip and the decay time. In contrast to `clairvoyant_stop`, the stop includes the dynamics of adhesion and
+    wheel. The shortest possible distance is therefore between the results of the two functions. Time and distance are
+    infinite if no stop is found.
 
     InputError for a scenario without a largest torque, or with a rate limit or events.
     """
@@ -165,7 +170,10 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
 
 
 class _Path:
-    """Plant of a scenario without noise, with the states speed, slip velocity, adhesion state, torque and distance."""
+    """Braking runs of a scenario without noise, under full torque and under a torque that holds the slip.
+
+    The states are speed, slip velocity, adhesion state, torque and distance.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         law = scenario.law(scenario.rail, scenario.adhesion_factor)
@@ -191,14 +199,15 @@ class _Path:
 
     @property
     def latest(self) -> float:
-        """Time at which the largest torque has brought the slip to `_MOST_SLIP`, s."""
+        """Time, s, at which the slip ratio reaches `_MOST_SLIP` under the largest torque."""
         return float(self._full.t[-1])
 
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
-        """Return the stop with full torque until time `switch`, s, and a slip ratio that then decays.
+        """Return the stop with the largest torque until time `switch`, s, and then a slip ratio that decays.
 
-        The slip ratio decays to `share` (ratio) times its first value, with the decay time `time`, s. Time and distance
-        are infinite if the slip does not stop rising, or if the command exceeds the limits of the brake.
+        The slip ratio decays from the value at which it stops rising to `share` (ratio) times this value, with the
+        decay time `time`, s. Time and distance of the stop are infinite if the slip does not stop rising, or if the
+        required command exceeds the limits of the brake.
         """
         try:
             return self._stop(switch, share, time)
@@ -206,7 +215,7 @@ class _Path:
             return ClairvoyantStop(math.inf, math.inf)
 
     def _stop(self, switch: float, share: float, time: float) -> ClairvoyantStop:
-        """Return the stop as `stop` does; ValueError if SciPy finds no event."""
+        """Return the result of `stop`; ValueError if SciPy does not find the instant of an event."""
         never = ClairvoyantStop(math.inf, math.inf)
         released = self._driven(0.0)
 
@@ -228,7 +237,7 @@ class _Path:
         return self._hold(float(back.t[-1]), back.y[:, -1], share, time)
 
     def _hold(self, start: float, begin: Floats, share: float, time: float) -> ClairvoyantStop:
-        """Return the stop whose slip ratio decays from time `start`, s, and state `begin` on, as in `stop`."""
+        """Return the stop whose slip ratio decays, as in `stop`, from time `start`, s, and the state `begin` on."""
         first, final = begin[1] / begin[0], self._scenario.final_speed
 
         def slip(t: Any) -> Any:
@@ -254,19 +263,19 @@ class _Path:
         return ClairvoyantStop(float(solution.t[-1]), float(solution.y[2, -1]))
 
     def _holding_torque(self, t: Floats, speed: Floats, state: Floats, slip: Callable[[Floats], Floats]) -> Floats:
-        """Return the acting torque, N*m, that gives the slip ratio `slip(t)` at the times t, s."""
+        """Return the acting torque, N*m, that keeps the slip ratio at `slip(t)`, at the times t, s."""
         ratio, rate = slip(t), (slip(t + _STEP) - slip(t - _STEP)) / (2 * _STEP)
         change, at_zero, _ = self._plant(t, speed, ratio * speed, state, 0.0)
         at_unit = self._plant(t, speed, ratio * speed, state, 1.0)[1]
         return np.asarray((ratio * change + rate * speed - at_zero) / (at_unit - at_zero))
 
     def _plant(self, t: Any, speed: Any, sigma: Any, state: Any, torque: float) -> tuple[Any, Any, Any]:
-        """Return the rates of speed, slip velocity and adhesion state; arrays give arrays."""
+        """Return the time derivatives of speed, slip velocity and adhesion state, of numbers or arrays."""
         rates = self._rates(speed, sigma, state, torque, 0.0, self._scenario.viscous_rate * t, self._parameters)
         return rates[0], rates[1], rates[2] if len(rates) > 2 else 0.0
 
     def _driven(self, command: float) -> Callable[[float, Floats], list[float]]:
-        """Return a function for the rates of the states with a constant command, N*m, after the dead time."""
+        """Return a function (time, state) that returns the derivative of the state under a constant command, N*m."""
 
         def rates(t: float, y: Floats) -> list[float]:
             lag = self._actuator.lag
@@ -288,7 +297,10 @@ _LONGEST_BACK = 5.0  # s, longest time without torque until the slip stops risin
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean over the runs that stopped, with its standard error; NaN without such runs. The error of one run is NaN."""
+    """Mean over the runs in which the train stopped, and standard error of this mean.
+
+    Both are NaN if no train stopped; the error is NaN if one train stopped.
+    """
 
     value: float
     error: float
@@ -296,10 +308,14 @@ class Mean:
 
 @dataclass(frozen=True)
 class ControllerRow:
-    """Results of a controller over all seeds: `outcomes` of all `runs`, and means over the runs that `stopped`.
+    """Results of a controller over all seeds.
 
-    SI units as in `Run`. `lock_time` is the time with r omega < 0.02 v, s; `beyond_bound` is the braking distance minus
-    that of `clairvoyant_stop`, m.
+    - runs, stopped: number of runs, and number of runs in which the train stopped.
+    - outcomes: number of runs by outcome.
+    - lock_time: time with r omega < 0.02 v, s.
+    - beyond_bound: braking distance minus that of `clairvoyant_stop`, m.
+
+    The other fields are those of `Run`, in SI units. All means are over the runs in which the train stopped.
     """
 
     name: str
@@ -320,9 +336,9 @@ class ControllerRow:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """Comparison of controllers in a scenario over all `seeds`: `rows` has one row for each controller.
+    """Comparison of controllers in a `scenario` over all `seeds`: `rows` contains one row for each controller.
 
-    The `bound` of braking time and distance is that of `clairvoyant_stop`.
+    `bound` is the result of `clairvoyant_stop`: lower bounds of braking time and distance.
     """
 
     scenario: Scenario
@@ -341,14 +357,13 @@ class RunComparison:
 
 @checked
 def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequence[int]) -> RunComparison:
-    """Run every controller through the scenario with every seed, on all cores, with the same noise for all.
+    """Simulate every controller in the scenario with every seed, on all cores.
 
     - scenario: the braking run.
     - controllers: controllers by name, as for `simulate`.
-    - seeds: seeds of the noise, one for each run.
+    - seeds: seeds of the noise, one for each run; all controllers have the same noise.
 
-    Returns means for each controller, SI, and the bound of `clairvoyant_stop`, without noise. If the scenario has no
-    largest torque, the bound includes the actuator's dead time but not its lag, which a large command overcomes.
+    Returns means for each controller, SI, and the lower bounds of `clairvoyant_stop`, which is computed without noise.
     """
     bound = clairvoyant_stop(scenario)
     simulators = {name: Simulator(scenario, controller) for name, controller in controllers.items()}

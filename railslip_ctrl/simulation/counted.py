@@ -1,4 +1,4 @@
-"""Counter-based random numbers, equal on a CPU and on a GPU: Philox4x32-10 ([Salmon2011]) and Box-Muller."""
+"""Counter-based random numbers, which are the same on a CPU and on a GPU: Philox4x32-10 ([Salmon2011]), Box-Muller."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ class Counted(NamedTuple):
 
 
 def normal(key0: Any, key1: Any, counter: Any, stream: Any) -> Any:
-    """Return standard normal numbers for a `counter` (integer or array) in a `stream`; the keys are integers."""
+    """Return the standard normal random number with the number `counter` in the sequence with the number `stream`.
+
+    All arguments are integers; counter and stream may also be integer arrays, which give an array of numbers (ratio).
+    The keys, 32 bits each, are the seed.
+    """
     c0, c1, c2, c3, k0, k1 = counter, stream, 0, 0, int(key0), int(key1)
     for _ in range(10):
         low, high = 0xD2511F53 * c0, 0xCD9E8D57 * c2

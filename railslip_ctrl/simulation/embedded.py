@@ -1,4 +1,4 @@
-"""Write a controller as a C99 program; a comment in it states the effect of single precision in simulated stops."""
+"""Writes a controller as a C99 program, with a comment that states the effect of single precision."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _SEED = 0  # seed of the random force in the stops that compare single with doub
 def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tuple[Path, Path]:
     """Write a controller as C99: a source file, and a header beside it.
 
-    - controller: controller as for `simulate`, but not a step object or function. A controller that uses the adhesion
-      law of the run gets the law of a stop on dry rail.
+    - controller: controller as for `simulate`, but not a user's Python object or function. A controller that assumes
+      the adhesion law of the run gets the law of a stop on dry rail.
     - path: path of the source file, which ends in .c.
-    - vehicle: vehicle for the parameters that the controller does not set, and for the stops that compare single with
-      double precision.
+    - vehicle: vehicle whose wheel, brake and load the controller assumes where it sets no values itself. Stops of this
+      vehicle are simulated to compare single with double precision.
 
-    Returns the paths of the source file and of the header. InputError: a controller that cannot be written in C, or
-    a path that cannot be written.
+    Returns the paths of the source file and of the header. InputError if the controller cannot be written in C, or if a
+    file cannot be written.
     """
     path = given_path(path)
     if path.suffix.lower() != ".c":
@@ -60,9 +60,10 @@ def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tu
 
 
 def single_precision_deviation(control: Controller, vehicle: Vehicle, rails: Sequence[Rail] = tuple(Rail)) -> float:
-    """Return the largest difference of the command, N*m, between single and double precision, over a stop on each rail.
+    """Return the largest difference, N*m, between the commands in single and in double precision.
 
-    Both steps get the measurements of a run in double precision.
+    The difference is taken over a stop on each of the `rails`. Both commands are computed from the same measurements,
+    those of a run with the controller in double precision.
     """
     largest, step = 0.0, control.whole_step
     for rail in rails:

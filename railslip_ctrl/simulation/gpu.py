@@ -1,4 +1,7 @@
-"""Braking runs on a CUDA GPU: the source text of the CPU kernel with a few lines replaced; one thread for each stop."""
+"""Braking runs on a CUDA GPU, with one thread for each stop.
+
+The program is the source text of `kernel` for the CPU, in which a few lines are replaced.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,12 @@ def every_stop(settings, event_time, event_distance, event_p, event_c, event_cho
 
 
 def cuda_text(text: str, events: int, history: int, options: str = "") -> str:
-    """Return the kernel's text for CUDA, with room for `events` events and `history` samples of the dead time."""
+    """Return the source `text` of a simulation changed for CUDA.
+
+    - events: largest number of events of a stop.
+    - history: largest number of past commands that the dead time requires.
+    - options: options of the CUDA compiler as Python text.
+    """
     for old, new in _CHANGES.items():
         assert text.count(old) == 1, f"the kernel has {old!r} once"
         text = text.replace(old, new.format(events=events, history=history))
@@ -102,9 +110,9 @@ def _module(text: str) -> ModuleType:
 
 
 def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Floats, Floats, Floats]]:
-    """Prepare stops of one law and one controller; return a function that runs them.
+    """Prepare stops with the same type of adhesion law and the same controller; return a function that simulates them.
 
-    The function returns numbers of the outcomes, final states and summaries: arrays with a row for each stop.
+    The function returns three arrays with a row for each stop: number of the outcome, final state, and summary.
     """
     cuda, simulator, plans = check_device(), stops[0][0], [one.plan for one, _ in stops]
     history = max(int(one.settings["dead_time"] / one.settings["period"]) for one in plans) + 3
@@ -126,7 +134,10 @@ def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Flo
 
 
 def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
-    """Simulate stops of one law and one controller. InputError without a GPU, or for a controller in Python."""
+    """Simulate stops with the same type of adhesion law and the same controller on a GPU, and yield their runs.
+
+    InputError if there is no GPU, or if the controller is a user's Python object or function.
+    """
     cuda, controller = check_device(), stops[0][0].controller
     if isinstance(controller, StepControl):
         raise InputError(f"--device: a GPU cannot run the Python code of {controller.label}; leave --device out")
@@ -138,7 +149,10 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
 
 
 def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
-    """Return the arguments of `every_stop` up to `x`; an event that never happens is added as last event."""
+    """Return the arguments of the CUDA function `every_stop` from `settings` to `x`.
+
+    An event that never happens is added as last event. `table` is the index of the adhesion table.
+    """
     plan, force, noise = simulator.plan, simulator.scenario.disturbances, simulator.scenario.measurement
     hold = force.random_hold if force.random_force > 0 else 0.0
     padded = (np.concatenate([one, np.full((1, *one.shape[1:]), end)]) for one, end in zip(

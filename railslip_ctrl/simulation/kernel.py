@@ -1,8 +1,10 @@
 """Integration loop of a braking run: classical Runge-Kutta steps between the instants at which a quantity jumps.
 
-Jumps are known in advance (samples, changes of the delayed command, new random forces, events in time) or located by
-bisection inside a step (lock and release of the wheel, events in distance, the stop). The command is constant between
-jumps, so that the dead time is exact and the method keeps its order.
+Some instants are known in advance: samples, changes of the delayed command, new random forces, events at a time. The
+others are located by bisection inside a step: lock and release of the wheel, events at a distance, the end of the stop.
+The command is constant between these instants, so that the dead time is exact and the method keeps its order. In the
+functions, t is the time (s), y the state, p the parameters of the plant, c the numbers of the controller, x the state
+of the controller, and a the `Settings`.
 """
 
 from __future__ import annotations
@@ -73,7 +75,7 @@ _SAME_INSTANT = 1e-9  # share of a sampling period or hold time; instants closer
 
 
 class Settings(NamedTuple):
-    """Constant numbers of a run, SI units."""
+    """Numbers of a run that do not change, SI: period and step, brake, disturbances, end of the run, and sensors."""
 
     period: float
     step: float
@@ -102,7 +104,10 @@ class Settings(NamedTuple):
 
 
 class Events(NamedTuple):
-    """Time (s), distance (m) and new parameters of each event; a parameter of NaN or -1 does not change."""
+    """Time (s) or distance (m) of each event, and its new values of `p`, `c` and `chosen`, a row for each event.
+
+    A value of NaN, or of -1 in `chosen`, means that the event does not change this number.
+    """
 
     time: np.ndarray
     distance: np.ndarray
@@ -125,7 +130,10 @@ def disturbance(t, torque, a):
 
 @compiled
 def lag(torque, delayed, a):
-    """Return the actuator's torque rate Tb', N*m/s: first-order lag, filling or dumping, within the rate limit."""
+    """Return the rate of the brake torque, N*m/s, by a first-order lag, limited to the largest rate.
+
+    The lag of a rising torque (fill) may differ from that of a falling torque (dump).
+    """
     time_constant = a.lag_fill if delayed > torque else a.lag_dump
     rate = lag_rate(torque, delayed, time_constant)
     return min(max(rate, -a.rate_limit), a.rate_limit)
@@ -133,7 +141,7 @@ def lag(torque, delayed, a):
 
 @compiled
 def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
-    """Write the rates of the states and works into `rate`; a locked wheel keeps sigma = v."""
+    """Write the time derivatives of the states and of the works into `rate`; sigma stays equal to v while `locked`."""
     p[P_VISCOUS] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     torque = y[TORQUE]
     td = disturbance(t, torque, a)
@@ -149,7 +157,7 @@ def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
 
 @compiled
 def advance(t, y, h, p, table, a, locked, delayed, random_torque, k, new):
-    """Make one classical Runge-Kutta step of h, s, from y to `new`; `k` is memory for the stages."""
+    """Make one classical Runge-Kutta step of length h, s, from y to `new`; `k` is memory for the stages' rates."""
     derivative(t, y, p, table, a, locked, delayed, random_torque, k[0])
     for i in range(STATES):
         new[i] = y[i] + 0.5 * h * k[0, i]
@@ -175,7 +183,7 @@ def releases(t, y, p, table, a, random_torque):
 
 @compiled
 def crossings(t, y, p, table, a, locked, random_torque, next_distance):
-    """Return the sum of the codes of what has occurred: end of the stop 1, lock 2, release 4, event at a distance 8."""
+    """Return which changes have occurred, as a sum: 1 end of the stop, 2 lock, 4 release, 8 event at a distance."""
     crossed = 0
     if y[V] <= a.final_speed:
         crossed |= 1
@@ -190,7 +198,10 @@ def crossings(t, y, p, table, a, locked, random_torque, next_distance):
 
 @compiled
 def fastest(y, random_torque, p, table, a):
-    """Return the larger of the spectral radius of the adhesion dynamics (sigma, z) and the rate of the lag, 1/s."""
+    """Return the fastest rate of the system, 1/s, which limits the step.
+
+    It is the spectral radius of the dynamics of sigma and z, or 1/lag of the brake if this is larger.
+    """
     a11, a12, a21, a22 = stiffness(y[V], y[SIGMA], y[Z], y[TORQUE], 0.0, random_torque, p, table)
     half_trace, determinant = 0.5 * (a11 + a22), a11 * a22 - a12 * a21
     discriminant = half_trace * half_trace - determinant
@@ -215,9 +226,9 @@ def quantized(value, quantum):
 
 @compiled
 def domain_limit(v, limits):
-    """Return the slip velocity at which the law's domain ends, m/s.
+    """Return the largest slip velocity, m/s, at train speed v, m/s, for which the adhesion law is defined.
 
-    `limits[1:]` are the limits at equally spaced speeds from 0 to `limits[0]`, with linear interpolation.
+    `limits[1:]` are these slip velocities at equally spaced speeds from 0 to `limits[0]`; they are interpolated.
     """
     intervals = limits.size - 2
     position = min(max(v / limits[0] * intervals, 0.0), float(intervals))
@@ -230,7 +241,7 @@ def domain_limit(v, limits):
 
 @compiled
 def fire(i, y, p, c, chosen, events):
-    """Apply event i to the plant `p`, the controller row `c` and the laws `chosen`; return the change of energy, J."""
+    """Apply event i to `p`, `c` and `chosen` (numbers of the adhesion laws); return the change of kinetic energy, J."""
     before = energy(y, p)
     for j in range(p.size):
         if not math.isnan(events.p[i, j]):
@@ -246,7 +257,7 @@ def fire(i, y, p, c, chosen, events):
 
 @compiled
 def account(y, new, h, k, reference, scenario_reference, a, t, summary):
-    """Add the step from state y to state `new`, h s long, to the summary."""
+    """Add a step of length h, s, from state y to state `new` to the summary of the run."""
     slip, slip_after = y[SIGMA] / y[V], new[SIGMA] / new[V]
     summary[SLIP_ERROR] += 0.5 * h * (abs(slip - reference) + abs(slip_after - reference))
     summary[SLIP_ERROR_SCENARIO] += 0.5 * h * (abs(slip - scenario_reference) + abs(slip_after - scenario_reference))
@@ -264,7 +275,7 @@ def account(y, new, h, k, reference, scenario_reference, a, t, summary):
 
 @compiled
 def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, measured, a):
-    """Write one row of the log: states and works, the columns from `TIME` on, the controller's state."""
+    """Write one row of the log: states and works, then the columns `TIME` to `MEASURED_OMEGA`, then x."""
     td = disturbance(t, y[TORQUE], a)
     for i in range(STATES):
         row[i] = y[i]
@@ -278,7 +289,10 @@ def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, me
 
 @compiled
 def crossing_share(t, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new):
-    """Return the share of the step h at which `crossings` becomes nonzero; `new` is the state just after it."""
+    """Return the part of the step h, a ratio, after which `crossings` becomes nonzero.
+
+    The state just after this instant is written to `new`.
+    """
     low, high = 0.0, 1.0
     for halving in range(_BISECTIONS + 1):
         share = 0.5 * (low + high) if halving < _BISECTIONS else high
@@ -292,7 +306,7 @@ def crossing_share(t, y, h, p, table, a, locked, delayed, random_torque, next_di
 
 @compiled
 def next_instant(t, sample_end, switch, a, events, fired, tiny):
-    """Return the first instant after t at which a quantity jumps, at the latest the end of the sample."""
+    """Return the first instant, s, after t at which a quantity jumps, or the end of the sample if it is earlier."""
     until = sample_end
     if t < switch - tiny:
         until = min(until, switch)
@@ -308,7 +322,10 @@ def next_instant(t, sample_end, switch, a, events, fired, tiny):
 
 @compiled
 def fire_due(latest, distance, y, p, c, chosen, events, fired, summary):
-    """Apply the pending events up to a time and a distance, and add their change of energy to the summary."""
+    """Apply the events up to time `latest`, s, or `distance`, m, that are not yet applied.
+
+    The change of kinetic energy is added to the summary.
+    """
     for i in range(fired.size):
         if not fired[i] and (events.time[i] <= latest or events.distance[i] <= distance):
             fired[i] = True
@@ -317,7 +334,7 @@ def fire_due(latest, distance, y, p, c, chosen, events, fired, summary):
 
 @compiled
 def whole_periods(a):
-    """Return the dead time as a whole number of sampling periods, and the rest in s."""
+    """Return the number of whole sampling periods in the dead time, and the rest of the dead time, s."""
     delay = math.floor(a.dead_time / a.period + 1e-9)
     rest = a.dead_time - delay * a.period
     return delay, (rest if rest >= 1e-9 * a.period else 0.0)
@@ -325,16 +342,17 @@ def whole_periods(a):
 
 @compiled
 def random_torque_at(t, forces, p, a):
-    """Return the torque of the random force, N*m, constant between two draws."""
+    """Return the torque of the random force at the wheel, N*m; `forces` are the random forces, N, in order of time."""
     return p[P_RADIUS] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
 
 
 @compiled
 def encoder(sample, turning, a, measured):
-    """Return the wheel speed, rad/s, as measured by an encoder.
+    """Return the wheel speed, rad/s, as measured by an encoder; `turning` is the true wheel speed, rad/s.
 
-    The speed is the angle between the last teeth of two readings over the time between them. The time of a tooth is
-    computed with the speed at the end of the sample.
+    At each sample, the last tooth that has passed and its time are stored. The measured speed is the angle between the
+    teeth of two samples divided by the difference of their times. The time of a tooth is computed for a wheel that has
+    turned with the speed at the sample since then.
     """
     if sample == 0:
         measured[TRUE_TURNING], measured[READ] = turning, turning
@@ -355,7 +373,7 @@ def encoder(sample, turning, a, measured):
 
 @compiled
 def measure(sample, y, p, a, noise, measured):
-    """Update the sensor signals v and omega in `measured`, with noise, quantised and filtered."""
+    """Update the measured train speed and wheel speed in `measured`, with noise, rounding and filter."""
     speed, turning = a.speed_scale * y[V], (y[V] - y[SIGMA]) / p[P_RADIUS]
     if a.encoder_teeth > 0.0:
         turning = encoder(sample, turning, a, measured)
@@ -369,9 +387,10 @@ def measure(sample, y, p, a, noise, measured):
 
 @entry
 def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every, summary):
-    """Integrate a run and return its status and the number of log rows; change p, c, chosen, y and x in place.
+    """Integrate a run; return the number of its outcome and the number of rows that are written to `log`.
 
-    Before the first sample the command equals the initial torque.
+    The arrays p, c, chosen, y, x, log and summary are changed. Before the first sample the command equals the initial
+    torque. `every` is the number of samples between two rows of the log; 0: no rows.
     """
     k, new = np.empty((4, STATES)), np.empty(STATES)
     fired = np.zeros(events.time.size, dtype=np.bool_)
@@ -422,7 +441,10 @@ def interval(
     sample, delay, rest, tiny, t, locked, a, events, fired, forces, history, p, c, chosen, tables, limits, y, k, new,
     summary,
 ):  # fmt: skip
-    """Integrate from one sample to the next; return status, time and locked. Status OUT_OF_TIME: the run continues."""
+    """Integrate from one sample to the next; return status, time (s) and whether the wheel is locked.
+
+    The status OUT_OF_TIME means here that the run continues.
+    """
     sample_end, switch = min((sample + 1) * a.period, a.longest_time), sample * a.period + rest
     standing = 0
     while t < sample_end - tiny:
@@ -453,7 +475,10 @@ def interval(
 
 @compiled
 def piece(t, until, locked, a, delayed, random_torque, next_distance, p, c, table, limits, y, k, new, summary):
-    """Integrate up to `until`, s, or to the first crossing; return status, time, codes of `crossings`, and locked."""
+    """Integrate from time t to `until`, s, or to the first change that `crossings` reports.
+
+    Returns status, time (s), result of `crossings`, and whether the wheel is locked.
+    """
     now = t
     while True:
         needed = (until - now) * max(fastest(y, random_torque, p, table, a) / _STIFFNESS_LIMIT, 1.0 / a.step)

@@ -1,4 +1,4 @@
-"""Numbers of a record and of its inner records, by dotted path such as "vehicle.actuator.lag" or "events.0.time"."""
+"""Reads and changes numbers of a record by dotted paths such as "vehicle.actuator.lag" or "events.0.time"."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Number(NamedTuple):
 
 
 def members(record: Any) -> dict[str, Any]:
-    """Return the members of a record or tuple by name; empty for any other object."""
+    """Return the fields of a record by name, or the entries of a tuple by index; empty for any other object."""
     if isinstance(record, tuple):
         return {str(i): value for i, value in enumerate(record)}
     if isinstance(record, BaseModel):
@@ -29,7 +29,10 @@ def members(record: Any) -> dict[str, Any]:
 
 
 def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
-    """Return the numbers of a record, its inner records and tuples, by path; also optional numbers that are not set."""
+    """Return all numbers of a record, of the records and of the tuples in it, by path.
+
+    Optional numbers that are not set are included. `prefix` is put in front of every path.
+    """
     units: dict[str, str] = {}  # units of the members whose type allows a number
     if isinstance(record, Record):
         units = record.units()
@@ -47,9 +50,12 @@ def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
 
 
 def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
-    """Return a copy of a record with the numbers `changes`, values by path; the copy is checked as a new record.
+    """Return a copy of a record in which some numbers are changed.
 
-    InputError for a number that is not allowed; `where` names the record in the message.
+    - changes: new numbers by path, in the units of the record.
+    - where: name of the record in messages.
+
+    InputError for a number that the record does not allow.
     """
     new: dict[str, Any] = {}
     inner: dict[str, dict[str, float]] = {}

@@ -1,7 +1,7 @@
-"""Random vehicles, rails and sensors for which no controller was tuned; each seed gives one stop.
+"""Stops of random vehicles on random rails, for which no controller was tuned; each seed gives one stop.
 
-Seeds below `CHECK` are for development, seeds from `CHECK` up for checks only. A seed gives the same vehicle and rail
-with and without errors of the sensors and the brake.
+Seeds below `CHECK` are for development, seeds from `CHECK` on for checks only. A stop can be simulated without errors,
+or with errors of sensors, brake and assumed parameters; vehicle and rail are then the same.
 """
 
 from __future__ import annotations
@@ -26,18 +26,19 @@ CHECK = 9000
 """First seed of the checks."""
 
 SPEED_SCALE, RADIUS, GAIN, BRAKE = 0.02, 0.02, 0.15, 0.3
-"""Largest relative errors: measured train speed, assumed radius, torque gain, assumed dead time and lag."""
+"""Largest relative errors of measured train speed, assumed radius, torque gain, and assumed dead time and lag."""
 
 SPEED_NOISE = 0.05
-"""Standard deviation of the measured train speed, m/s, for each sample."""
+"""Standard deviation of the noise of the measured train speed, m/s; the noise of each sample is independent."""
 
 TEETH = (80, 200)
 """Smallest and largest number of teeth of the wheel-speed encoder."""
 
 PITCH_ERROR = 0.01
-"""Standard deviation of the position of an encoder edge, in tooth pitches.
+"""Standard deviation of the position error of an encoder edge, in tooth pitches.
 
-The speed is the angle between the first and the last edge of a sampling period, divided by their time difference.
+The measured speed is the angle between the first and the last edge of a sampling period, divided by their time
+difference.
 """
 
 
@@ -56,8 +57,8 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 def random_vehicle(rng: np.random.Generator) -> Vehicle:
     """Return a random vehicle.
 
-    Wheel load 30 to 120 kN, radius 0.36 to 0.46 m, inertia 40 to 150 kg m^2, dead time 0.06 to 0.3 s, lag 0.15 to
-    0.8 s.
+    Its wheel load is 30 to 120 kN, the wheel radius 0.36 to 0.46 m, the wheel inertia 40 to 150 kg m^2, the dead time
+    of the brake 0.06 to 0.3 s, and its lag 0.15 to 0.8 s.
     """
     load = _log_uniform(rng, 30e3, 120e3)
     wheel = {"radius": rng.uniform(0.36, 0.46), "inertia": rng.uniform(40.0, 150.0)}
@@ -74,9 +75,9 @@ def random_vehicle(rng: np.random.Generator) -> Vehicle:
 def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
     """Return a random adhesion curve with one hump, as a table; it does not depend on the wheel load.
 
-    Let x be the slip divided by the slip of the peak. Up to the peak mu rises in proportion to 1 - (1 - x)^a; beyond
-    it mu falls to a plateau as 1/(1 + ((x - 1)/w)^2). The peak is at slip 0.008 to 0.15 and has mu 0.05 to 0.35; the
-    plateau is 0.35 to 0.95 times the peak.
+    The peak is at a slip ratio of 0.008 to 0.15, where mu is 0.05 to 0.35. Let x be the slip divided by the slip of the
+    peak. For x < 1, mu is proportional to 1 - (1 - x)^a. For x > 1, mu falls towards a plateau; the difference from the
+    plateau is proportional to 1/(1 + ((x - 1)/w)^2). On the plateau mu is 0.35 to 0.95 times the peak value.
     """
     slip = _log_uniform(rng, 0.008, 0.15)
     mu, a, plateau = rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0), rng.uniform(0.35, 0.95)
@@ -86,9 +87,9 @@ def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
 
 
 def two_stage(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Return a random curve as `one_hump` does, with a peak at small slip and adhesion that rises again beyond it.
+    """Return a random adhesion curve similar to `one_hump`, on which adhesion falls beyond the peak and rises again.
 
-    The peak is at slip 0.008 to 0.03; adhesion at slip 0.25 is 0.7 to 1.1 times the peak.
+    The peak is at a slip ratio of 0.008 to 0.03. At slip ratio 0.25, mu is 0.7 to 1.1 times the peak value.
     """
     slip, mu, a = _log_uniform(rng, 0.008, 0.03), rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0)
     plateau, w, again = rng.uniform(0.5, 0.95), _log_uniform(rng, 0.5, 6.0), rng.uniform(0.7, 1.1)
@@ -110,7 +111,10 @@ def _reference(slip: float) -> ReferenceSlip:
 
 
 def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
-    """Return Polach's law with random parameters near his dry and wet sets; the contact ellipse grows with load."""
+    """Return Polach's law with random parameters near those that he gives for dry and wet rail.
+
+    The semi-axes of the contact ellipse are proportional to the cube root of `wheel_load`, N.
+    """
     axis = 6e-3 * (wheel_load / PARK2008.wheel_load) ** (1 / 3)
     k = _log_uniform(rng, 0.2, 1.0)
     return Polach(
@@ -120,7 +124,10 @@ def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
 
 
 def burckhardt(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Return Burckhardt's curve scaled to rail adhesion: c1 0.06 to 0.35, 1/c2 0.002 to 0.04, c3 0.2 to 0.7 of c1."""
+    """Return Burckhardt's curve with random parameters in the range of rails.
+
+    c1 is 0.06 to 0.35, 1/c2 is 0.002 to 0.04, and c3 is 0.2 to 0.7 times c1.
+    """
     c1, c2, fall = rng.uniform(0.06, 0.35), 1.0 / _log_uniform(rng, 0.002, 0.04), rng.uniform(0.2, 0.7)
     return law_class("burckhardt").model_validate({"c1": c1, "c2": c2, "c3": fall * c1, "reference": _reference(0.05)})
 
@@ -128,8 +135,8 @@ def burckhardt(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw
 def bristle(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
     """Return the bristle model with random parameters.
 
-    mu is 0.08 to 0.35 at slip velocity 0 and falls to zero at 30 to 90 m/s. The stiffness is 0.5 to 2 times the
-    published one, which is scaled with the wheel load.
+    mu is 0.08 to 0.35 at slip velocity 0 and falls to zero at a slip velocity of 30 to 90 m/s. The stiffness is 0.5 to
+    2 times the stiffness in [Park2008], scaled in proportion to `wheel_load`, N.
     """
     mu, gamma = rng.uniform(0.08, 0.35), _log_uniform(rng, 30.0, 90.0)
     alpha = 2.2e4 * wheel_load / PARK2008.wheel_load * _log_uniform(rng, 0.5, 2.0)
@@ -140,8 +147,9 @@ def bristle(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
 def lugre(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
     """Return the LuGre model with random parameters.
 
-    Static friction coefficient 0.08 to 0.35, Coulomb friction 0.4 to 0.9 times the static one, Stribeck velocity 1 to
-    6 m/s, stiffness 0.5 to 2 times 22 kN/m at the published load, damping ratio of the wheel on the bristles 0.3 to 1.
+    The coefficient of static friction is 0.08 to 0.35, that of Coulomb friction 0.4 to 0.9 times as large. The Stribeck
+    velocity is 1 to 6 m/s. Stiffness and damping are proportional to `wheel_load`, N. At the wheel load of [Park2008]
+    the stiffness is 0.5 to 2 times 22 kN/m, and the damping coefficients alpha1 and alpha2 are 310 and 21 N*s/m.
     """
     mu, vs = rng.uniform(0.08, 0.35), _log_uniform(rng, 1.0, 6.0)
     share = wheel_load / PARK2008.wheel_load
@@ -161,7 +169,7 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = Ma
         "lugre": lugre,
     }
 )
-"""Random adhesion laws by name; "changing" is `one_hump` on a rail that changes between dry and wet."""
+"""Functions that return a random adhesion law, by name; "changing" also changes the rail once during the stop."""
 
 
 # --- stops ------------------------------------------------------------------------------------------------------------
@@ -170,8 +178,8 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = Ma
 def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) -> Scenario:
     """Return the random stop of a seed, from 100 to 5 km/h, with commands up to the full brake torque.
 
-    - family: name in `FAMILIES`.
-    - errors: True for errors of sensors, brake and assumed parameters, drawn uniformly within this module's bounds.
+    - family: name of the random adhesion law in `FAMILIES`.
+    - errors: True adds random errors of sensors, brake and assumed parameters; the constants of this module bound them.
     """
     rng = np.random.default_rng(seed)
     vehicle = random_vehicle(rng)
@@ -188,10 +196,10 @@ def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) ->
 
 
 def _errors(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str, object]:
-    """Draw the errors of sensors, brake and assumed parameters.
+    """Return the fields of a scenario that contain the random errors; `high` is the largest command, N*m.
 
-    The measured train speed itself has no scale error; instead the assumed radius is divided by the drawn factor, which
-    gives the same error of slip.
+    A scale factor of the measured train speed is drawn, but the assumed wheel radius is divided by it instead. The
+    error of the slip ratio is the same.
     """
     scale, radius, gain = (1.0 + rng.uniform(-bound, bound) for bound in (SPEED_SCALE, RADIUS, GAIN))
     dead_time, lag = 1.0 + rng.uniform(-BRAKE, BRAKE, size=2)

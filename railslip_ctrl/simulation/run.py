@@ -58,10 +58,10 @@ _OUTCOMES = tuple(Outcome)  # in the order of the outcome numbers that the kerne
 class Energies:
     """Energy balance of train and wheel, J.
 
-    - starting, final: kinetic energy when the brake is applied, and at the end.
-    - booked: kinetic energy added by changes of mass.
-    - works: work of each effect, by the names in `numeric.WORKS`: brake torque, adhesion force times slip velocity,
-      viscous friction, travelling resistance, random force, caliper disturbance.
+    - starting, final: kinetic energy when the brake is applied, and at the end of the run.
+    - booked: kinetic energy that events add by a change of mass.
+    - works: energy taken from train and wheel by each effect, by the names in `numeric.WORKS`: brake torque, slip in
+      the contact, viscous friction, travelling resistance, random force, caliper disturbance.
     """
 
     starting: float
@@ -71,7 +71,7 @@ class Energies:
 
     @property
     def error(self) -> float:
-        """Error of the energy balance, relative to the starting energy."""
+        """Error of the energy balance, as a ratio to the starting energy."""
         return (self.starting + self.booked - sum(self.works.values()) - self.final) / self.starting
 
 
@@ -79,9 +79,11 @@ class Energies:
 class Signals(NamedTuple):
     """Time series of a run: arrays of equal length, SI.
 
-    time (s), distance (m), speed v, slip_velocity sigma (m/s), slip ratio, wheel_speed omega (rad/s),
-    adhesion_state z (m), adhesion_force Fa, random_force (N), command, torque (acting), disturbance Td (N*m),
-    mass (kg, effective), reference slip ratio, locked (0 or 1), measured_speed, measured_wheel_speed.
+    - time (s), distance (m), speed (train, m/s), slip_velocity (m/s), slip (ratio), wheel_speed (rad/s).
+    - adhesion_state: state z of the adhesion law, m; adhesion_force, random_force: N.
+    - command, torque, disturbance: commanded torque, acting brake torque and caliper disturbance Td, N*m.
+    - mass: effective mass, kg; reference: reference slip ratio; locked: 1 while the wheel is locked, else 0.
+    - measured_speed (m/s), measured_wheel_speed (rad/s): speeds that the controller receives.
     """
 
     time: Floats
@@ -105,11 +107,11 @@ class Signals(NamedTuple):
 
 @by_content
 class Noise(NamedTuple):
-    """Random numbers for random force and sensor noise of a run, standard normal (ratios to standard deviations).
+    """Random numbers of a run, standard normal: ratios of force or sensor noise to its standard deviation.
 
-    - force: one number for each interval in which the random force is constant, 1-D.
-    - sensors: numbers for the noise of train speed and wheel speed, one row for each sample, array (n, 2).
-    - seed: seed of the random numbers after the end of these arrays.
+    - force: numbers for the random force, in order of time, 1-D; each holds for `Disturbances.random_hold`.
+    - sensors: numbers for the noise of train speed and wheel speed, array (n, 2) with a row for each sample.
+    - seed: if the run is longer than these arrays, further random numbers are drawn from this seed.
     """
 
     force: Floats
@@ -118,7 +120,10 @@ class Noise(NamedTuple):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read the random numbers from the file `path` of `numpy.savez`; InputError for another file."""
+        """Read the random numbers from the file `path` of `numpy.savez`, which `campaign --rare` writes.
+
+        InputError if the file cannot be read or has other contents.
+        """
         try:
             with np.load(path) as file:
                 return cls(file["force"].ravel(), file["sensors"].reshape(-1, 2), int(file["seed"]))
@@ -131,26 +136,28 @@ class Noise(NamedTuple):
 
 
 Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
-"""Source of random force and sensor noise: a seed, the random numbers (`Noise`), or None for no force and no noise."""
+"""Source of random force and sensor noise: a seed, the random numbers themselves (`Noise`), or None for neither."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A braking run.
+    """Results of a braking run.
 
-    - scenario, controller, seed: scenario, controller and seed of the run; the seed is `GIVEN_DRAWS` for a `Noise`.
-    - outcome: `STOPPED` if the train reached the final speed; otherwise the run ended early, at `braking_time`.
-    - braking_time, braking_distance, final_speed: values at the end of the run, s, m, m/s.
+    - scenario, controller, seed: inputs of the run. The seed is `GIVEN_DRAWS` if a `Noise` was given, and None without
+      noise or for a seed that is not an integer.
+    - outcome: `STOPPED` if the train reached the final speed; otherwise the reason why the run ended at `braking_time`.
+    - braking_time, braking_distance, final_speed: time, s, distance, m, and speed, m/s, at the end of the run.
     - energies: energy balance.
     - mean_abs_slip_error: mean over time of |slip - reference|, slip ratio; NaN for a controller without a reference.
-    - mean_abs_slip_error_published: this mean for the reference slip ratio of [Park2008], 0.132 dry, 0.092 wet; NaN
-      unless the scenario is the published one and the controller has a reference.
+    - mean_abs_slip_error_published: the same mean for the reference slip ratio of [Park2008], 0.132 dry, 0.092 wet; NaN
+      unless `scenario.published_reference` is True and the controller has a reference.
     - max_slip: highest slip ratio; locked_fraction: share of time with r omega < 0.02 v.
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
-    - max_torque, max_torque_rate, rms_torque_rate: largest acting torque, N*m; largest and rms of its rate, N*m/s.
+    - max_torque: largest acting torque, N*m.
+    - max_torque_rate, rms_torque_rate: largest and root-mean-square rate of the acting torque, N*m/s.
     - steps: number of integration steps.
-    - signals: time series if they were recorded, else None.
-    - controller_signals: states of the controller at `signals.time`, by name, in their units, arrays of one length.
+    - signals: time series; None if they were not recorded.
+    - controller_signals: states of the controller by name, in their units, 1-D arrays of the length of `signals.time`.
     """
 
     scenario: Scenario
@@ -174,7 +181,7 @@ class Run:
     controller_signals: dict[str, Floats]
 
     def __str__(self) -> str:
-        """Return outcome, slip and torque in three lines."""
+        """Return text in three lines: stop, slip, torque."""
         scenario, lock = self.scenario, "no lock"
         error, references = "", self._references()
         if references:
@@ -208,11 +215,14 @@ class Run:
 
     @property
     def reached(self) -> bool:
-        """True if the slip reached 0.95 times the smallest reference of the run, or if the controller has none."""
+        """True if the slip reached 0.95 times the smallest reference slip of the run.
+
+        Also True if the controller has no reference slip.
+        """
         return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
-        """Reference slips on the rails of the run; empty if the controller has no reference."""
+        """Reference slip for each rail condition of the run; empty if the controller has no reference slip."""
         reference = self.controller.reference
         if reference is None:
             return []
@@ -221,7 +231,7 @@ class Run:
 
     @property
     def brake_energy(self) -> float:
-        """Work of the brake torque, J: integral of Tb omega; inertias are multiplied by `inertia_scale`."""
+        """Work of the brake torque, J, the integral of Tb omega, for the inertia multiplied by `inertia_scale`."""
         return self.energies.works["brake"]
 
 
@@ -237,23 +247,23 @@ def simulate(
     """Simulate a scenario with a controller.
 
     - scenario: vehicle, rail, adhesion law, speeds and disturbances, SI.
-    - controller: Controller, linear system, step object or function that commands the brake torque, N*m, at its own
-      period; `controllers.files.as_control` converts it.
+    - controller: a Controller, a linear system, or an object or function that computes the brake torque, N*m;
+      `controllers.files.as_control` lists what is accepted.
     - seed: seed of random force and measurement noise; equal seeds give equal runs. None: no force and no noise. A
-      `Noise` has the random numbers themselves.
+      `Noise` contains the random numbers themselves.
     - record_every: number of samples between two rows of `signals`; None: no signals.
-    - compiled: False runs the kernel in the Python interpreter, hundreds of times slower, with the same result.
+    - compiled: False runs the simulation in the Python interpreter, hundreds of times slower, with the same result.
 
-    Returns a `Run` with outcome, braking time (s), distance (m), energies (J) and numbers of the slip (ratio). Its
-    `signals` are the time series, 1-D arrays of equal length, SI, or None. InputError: a seed or record_every out of
-    range, an event that the adhesion law does not support, a controller period below the smallest step of the
-    integration, or a controller step that fails or returns no torque.
+    Returns a `Run` with outcome, braking time (s), braking distance (m), energies (J), slip (ratio) and torque (N*m).
+    Its `signals` are the time series, 1-D arrays of equal length, SI, or None. InputError: a seed or record_every out
+    of range, an event that the adhesion law does not support, a sampling period of the controller below `LEAST_STEP`,
+    or a user's step that fails or returns no torque.
     """
     return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
 
 
 class Simulator:
-    """A scenario and a controller, prepared once for many runs. Arguments and InputError as for `simulate`."""
+    """A scenario and a controller, prepared once for many runs; arguments and InputError are those of `simulate`."""
 
     @checked
     def __init__(self, scenario: Scenario, controller: Any, *, compiled: bool = True) -> None:
@@ -270,7 +280,7 @@ class Simulator:
 
     @checked
     def run(self, seed: Draws = 0, *, record_every: int | None = None) -> Run:
-        """Simulate one run; `seed` and `record_every` as for `simulate`. InputError for a value out of range."""
+        """Simulate one run; `seed`, `record_every` and InputError are those of `simulate`."""
         if record_every is not None:
             number("record_every", record_every, ge=1, le=LARGEST_SPACING)
         plan, kernel_ = self.plan, self._kernel
@@ -306,7 +316,11 @@ class Simulator:
         return self.result(seed, status, y, summary, log[:written] if every else None)
 
     def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
-        """Return random forces, N, measurement noise (samples, 2), and the time for which a force acts, s, or 0."""
+        """Return random forces, N, 1-D, measurement noise, (samples, 2), and the time that each force acts, s.
+
+        The time is 0 if the run has no random force. The columns of the noise are train speed (m/s) and wheel speed
+        (rad/s).
+        """
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
         spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:
@@ -317,11 +331,11 @@ class Simulator:
         return disturbances.random_force * force, spread * noise, hold
 
     def result(self, seed: Draws, status: int, y: Floats, summary: Floats, log: Floats | None = None) -> Run:
-        """Return the `Run` for the results of the kernel.
+        """Return the `Run` for the arrays that the integration loop has computed.
 
         - seed: source of the random numbers.
         - status: index of the outcome in `Outcome`.
-        - y, summary, log: final state, 1-D, summary, 1-D, and rows of the log, 2-D, SI.
+        - y, summary, log: final state, 1-D, summary, 1-D, and rows of the log, 2-D, SI, with the indices of `kernel`.
         """
         time = float(summary[layout.END_TIME])
         works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
@@ -385,7 +399,7 @@ def _signals(log: Floats, scenario: Scenario) -> Signals:
 
 
 def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, samples: int) -> tuple[Floats, Floats]:
-    """Return standard normal numbers for the random force, (holds,), and for the sensors, (samples, 2)."""
+    """Return standard normal random numbers: `holds` of them for the random force, and (samples, 2) for the sensors."""
     if isinstance(seed, Counted):
         return normal(*seed, np.arange(holds), 0), normal(*seed, np.arange(samples)[:, None], np.array([1, 2]))
     if isinstance(seed, Noise):
@@ -402,14 +416,17 @@ def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, 
 
 
 def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:
-    """Return the text of a kernel module: adhesion law, controller and the loop of `kernel.py`."""
+    """Return the source text of a simulation: adhesion law, controller (its source text), and the loop of `kernel`.
+
+    `compiled` is True if Numba is to compile the functions.
+    """
     loop = Path(layout.__file__).read_text("utf-8")
     return module_text(law, controller, plain(loop), compiled=compiled)
 
 
 @cache
 def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> ModuleType:
-    """Return the kernel module of an adhesion law and the source text of a controller."""
+    """Return the module with the text of `kernel_text` for an adhesion law and the source text of a controller."""
     return module_of(kernel_text(law, controller, compiled=compiled), compiled=compiled)
 
 
@@ -418,7 +435,10 @@ def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) ->
 
 @dataclass(frozen=True)
 class Plan:
-    """Arguments of a kernel for one run; `samples` is the largest number of controller samples in the run."""
+    """Arguments of `kernel.run` that do not depend on the noise.
+
+    `samples` is the largest number of samples in a run; `kernel` describes the others.
+    """
 
     settings: dict[str, float]
     events: layout.Events
@@ -431,7 +451,7 @@ class Plan:
 
 
 class _Laws:
-    """Adhesion laws of a run, each with its wheel load, N, its table and its domain; equal laws are stored once."""
+    """Adhesion laws of a run, each with a wheel load, N; equal laws with equal loads are stored once and numbered."""
 
     def __init__(self, top_speed: float) -> None:
         self._top_speed, self._laws = top_speed, dict[tuple[AdhesionLaw, float], int]()
@@ -447,7 +467,10 @@ class _Laws:
         return joined
 
     def limits(self) -> Floats:
-        """Return the upper limit of slip velocity of each law, m/s, on a grid of speeds; `_NO_LIMIT` without limit."""
+        """Return a row for each law: the top speed, m/s, then the largest slip velocity, m/s, on a grid of speeds.
+
+        It is `_NO_LIMIT` for a law that is defined for every slip velocity.
+        """
         speeds = np.linspace(0.0, self._top_speed, _DOMAIN_INTERVALS + 1)
         speeds[0] = 1e-9 * self._top_speed
         rows = [
@@ -457,7 +480,7 @@ class _Laws:
 
 
 def make_plan(scenario: Scenario, controller: Controller, start: Any, period: float) -> Plan:
-    """Return the arguments of a kernel; `start` is the initial state of the controller, `period` its period, s."""
+    """Return the arguments of `kernel.run`; `start` is the initial state of the controller, `period` its period, s."""
     laws, vehicle = _Laws(scenario.initial_speed), scenario.vehicle
     rail, factor = scenario.rail, scenario.adhesion_factor
     load, believed_load = vehicle.wheel_load, getattr(controller, "wheel_load", vehicle.wheel_load)
@@ -491,7 +514,10 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
 
 
 def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> AdhesionLaw:
-    """Return the adhesion law that the controller assumes: its own, or the scenario's with adhesion factor 1."""
+    """Return the adhesion law that the controller assumes on a rail.
+
+    It is the law that the controller sets, or else the law of the scenario with adhesion factor 1.
+    """
     return scenario.law(rail) if controller.model_law is None else controller.model_law.on(rail)
 
 
@@ -537,7 +563,7 @@ def _settings(scenario: Scenario, period: float) -> dict[str, float]:
 
 
 class LoggedEvent(NamedTuple):
-    """An event of a run and its time, s; NaN if it did not happen."""
+    """An event of a run and the time, s, at which it happened; the time is NaN if it did not happen."""
 
     event: Event
     time: float
@@ -549,7 +575,10 @@ class LoggedEvent(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Start and changes, "from 25 s: wet rail, M 5276 kg"; if the start is a distance, also the time."""
+        """Start and changes of the event as text, for example "from 25 s: wet rail, M 5276 kg".
+
+        If the start is a distance, the text also states the time at which it was reached.
+        """
         event = self.event
         place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
         changes = [
@@ -562,13 +591,16 @@ class LoggedEvent(NamedTuple):
 
 
 def events_log(run: Run) -> tuple[LoggedEvent, ...]:
-    """Return the events of a run in order of time, then those that did not happen; distances need `run.signals`."""
+    """Return the events of a run in order of time, then the events that did not happen.
+
+    If an event is at a distance, the run must have `signals`, from which the time of this event is computed.
+    """
     found = [LoggedEvent(event, _time(event, run)) for event in run.scenario.events]
     return tuple(sorted(found, key=lambda one: one.time if one.reached else math.inf))
 
 
 def _time(event: Event, run: Run) -> float:
-    """Return the time of an event, s; NaN if it is at the end of the run, where it has no effect, or later."""
+    """Return the time, s, at which an event happened; NaN if the run ended before or at the event."""
     if event.time is not None:
         return event.time if event.time < run.braking_time else math.nan
     assert event.distance is not None, "an event has a time or a distance"

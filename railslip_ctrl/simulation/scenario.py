@@ -1,4 +1,4 @@
-"""Scenario of a braking run: vehicle, rail, disturbances, measurement, events and integration; SI."""
+"""Scenario of a braking run, SI: vehicle, rail, disturbances, sensors, brake limits, events and integration step."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ STEEPEST = 0.15  #: largest gradient, ratio; no adhesion railway is steeper
 
 
 class Event(Record):
-    """Change of rail, adhesion factor or mass at a time or a distance; None leaves a value unchanged.
+    """Change of rail, adhesion factor or mass at a time or at a distance; a field that is None does not change.
 
-    `adhesion_factor` replaces the previous factor; 1 is the adhesion of the rail itself.
+    The new `adhesion_factor` replaces the previous factor. With factor 1 the adhesion is that of the adhesion law.
     """
 
     time: float | None = quantity("s", "time of the event", ge=0, default=None)
@@ -47,16 +47,17 @@ class Event(Record):
 
 
 def event_position(event: Event) -> float:
-    """Return the time, s, or the distance, m, of an event."""
+    """Return the time, s, of an event, or its distance, m, if it has no time."""
     position = event.distance if event.time is None else event.time
     assert position is not None, "an event has a time or a distance"
     return position
 
 
 class Disturbances(Record):
-    """Random adhesion force, Gaussian, with a new value every `random_hold`, and disturbance torque of the caliper.
+    """Disturbances: a random adhesion force, and a disturbance torque of the brake caliper.
 
-    The torque is Td = fraction Tb exp(-decay t) sin(frequency t); Tb is the acting brake torque.
+    The force is Gaussian and changes to a new value after each `random_hold`. The torque is
+    Td = caliper_fraction Tb exp(-caliper_decay t) sin(caliper_frequency t); Tb is the acting brake torque.
     """
 
     random_force: float = quantity("N", "standard deviation of the random adhesion force", ge=0, default=0.0)
@@ -67,12 +68,12 @@ class Disturbances(Record):
 
 
 class Measurement(Record):
-    """Measurement of train speed and wheel speed: scale, noise, quantisation, encoder, low-pass filter.
+    """Sensors of train speed and wheel speed: scale error, noise, rounding, wheel encoder, and low-pass filter.
 
-    The wheel encoder is read at each sample. The measured speed is the angle between the last teeth of two readings
-    over the time between these teeth. The measured speed is therefore a mean over this time, with half this time as
-    delay. If no tooth passes between two readings, the measured speed is at most that of a tooth that would pass at the
-    second reading.
+    At each sample, the encoder provides the last tooth that has passed, and the time at which it passed. The measured
+    wheel speed is the angle between the teeth of two samples divided by the difference of their times. It is a mean
+    over this time difference, and therefore delayed by half of it. If no tooth has passed since the last sample, the
+    measured speed is reduced to the value that it would have if a tooth passed now, unless it is already lower.
     """
 
     speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)
@@ -94,9 +95,10 @@ class Measurement(Record):
 
 
 class BrakeLimits(Record):
-    """Limits and gain of the actuator, in addition to dead time and lag; `dump_lag` is the lag of a falling torque.
+    """Limits and gain of the brake, in addition to dead time and lag.
 
-    The acting torque is `torque_gain` times the commanded torque; a gain other than 1 models a change of pad friction.
+    If `dump_lag` is given, it is the lag while the torque falls. After dead time and lag, the acting torque is
+    `torque_gain` times the commanded torque; a gain other than 1 models a change of the pad friction.
     """
 
     torque_gain: float = quantity("1", "acting torque over commanded torque", gt=0, default=1.0)
@@ -115,7 +117,7 @@ class BrakeLimits(Record):
 
 
 class Beliefs(Record):
-    """Vehicle parameters that controllers assume instead of the true ones; None: they assume the true value."""
+    """Wrong vehicle parameters that the controllers assume; for a parameter that is None they assume the true value."""
 
     radius: float | None = quantity("m", "wheel radius", gt=0, default=None)
     wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia", gt=0, default=None)
@@ -124,7 +126,7 @@ class Beliefs(Record):
     lag: float | None = quantity("s", "lag of the actuator", ge=0, default=None)
 
     def of(self, vehicle: Vehicle) -> Vehicle:
-        """Return the vehicle with the assumed values."""
+        """Return a copy of a vehicle with the assumed parameters."""
         wheel = {"radius": self.radius, "inertia": self.wheel_inertia}
         actuator = {"dead_time": self.dead_time, "lag": self.lag}
         own = {"wheel_load": self.wheel_load}
@@ -138,13 +140,15 @@ def _given(values: dict[str, float | None]) -> dict[str, float]:
 
 
 class Scenario(Record):
-    """A braking run from free rolling at `initial_speed` to `final_speed`.
+    """Conditions of a braking run that begins at `initial_speed`, without slip, and ends at `final_speed`.
 
-    The viscous coefficient at time t is the vehicle's plus `viscous_rate` t, but at least `viscous_least`; all three
-    are multiplied by the inertia scale. The published run ([Park2008] p. 55) is `published_scenario`.
+    The coefficient of viscous friction at time t is that of the vehicle plus `viscous_rate` t, but at least
+    `viscous_least`. All three numbers are multiplied by the inertia scale. `published_scenario` returns the run of
+    [Park2008] p. 55.
 
-    InputError: a value that is not allowed, a final speed that is not below the initial speed, events whose order is
-    not known, or a rate limit or dump lag without a lag of the actuator.
+    InputError: a value that is not allowed; a final speed that is not below the initial speed; a rate limit or dump lag
+    for a brake without lag; or events whose order is not known. The order of events at a time and events at a distance
+    is not known; if both change the adhesion, each of them must set rail and adhesion factor.
     """
 
     name: str = Field(description="for reports")
@@ -198,17 +202,17 @@ class Scenario(Record):
 
     @property
     def believed_vehicle(self) -> Vehicle:
-        """Vehicle that controllers assume for the parameters that they do not set."""
+        """Vehicle whose parameters the controllers assume where they set no values themselves."""
         return self.beliefs.of(self.vehicle)
 
     def law(self, rail: Rail, factor: float = 1.0) -> AdhesionLaw:
-        """Return the adhesion law on a rail, with the adhesion multiplied by `factor`."""
+        """Return the adhesion law on a rail, with the adhesion multiplied by `factor` (ratio)."""
         law = self.adhesion.on(rail)
         return law if factor == 1.0 else law.weakened(factor)
 
     @property
     def has_named_law(self) -> bool:
-        """True if the adhesion law is the published law of its name for this vehicle and initial speed."""
+        """True if the adhesion law is a published law with the parameters for this vehicle and this initial speed."""
         try:
             return self.adhesion == named_law(self.adhesion.name, self.vehicle, self.initial_speed)
         except (InputError, MissingParametersError):
@@ -217,8 +221,8 @@ class Scenario(Record):
     def for_vehicle(self, vehicle: Vehicle) -> Self:
         """Return a copy of the scenario for another vehicle.
 
-        A published law and the random force are adapted to the vehicle's wheel load; the mass of an event becomes the
-        vehicle's loaded mass.
+        The random force is scaled in proportion to the wheel load, and a published adhesion law gets the parameters for
+        this wheel load. If an event sets the mass to the loaded mass, the loaded mass is that of the other vehicle.
         """
         events = tuple(
             event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event
@@ -230,7 +234,7 @@ class Scenario(Record):
         return self.with_changes(vehicle=vehicle, events=events, adhesion=law, disturbances=noise)
 
     def with_changes(self, **changes: Any) -> Self:
-        """Return a copy with some fields changed; InputError as for a new scenario."""
+        """Return a copy in which the fields `changes` are changed; InputError as for `Scenario`."""
         given = {name: value for name, value in (self.given() | changes).items() if value is not None}
         return validated(type(self), given, self.name)
 
@@ -240,15 +244,16 @@ class Scenario(Record):
 
 
 PUBLISHED_DISTURBANCES = Disturbances(random_force=RANDOM_FORCE, random_hold=0.02, caliper_fraction=0.05)
-"""Disturbances of [Park2008] p. 55; `random_hold` is fitted to Table 5 of the paper."""
+"""Disturbances of [Park2008] p. 55; `random_hold` is fitted so that results agree with Table 5 of the paper."""
 
 
 @checked
 def published_scenario(*, as_published: bool = True, adhesion: str = "curve") -> Scenario:
     """Return the run of [Park2008] p. 55, from 100 to 5 km/h: at 25 s the mass rises and the rail turns wet.
 
-    - as_published: True for the inertia scale 3.6, which reproduces Table 5 (with the law `curve`); False for SI.
-    - adhesion: name of the plant's adhesion law.
+    - as_published: True for mass, inertia and friction multiplied by 3.6, which reproduces Table 5 of the paper with
+      the law "curve"; False for the values in SI units.
+    - adhesion: name of the adhesion law.
     """
     scale = AS_PUBLISHED_INERTIA_SCALE if as_published else 1.0
     vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
@@ -276,12 +281,13 @@ def stop(
 
     The random force is proportional to the wheel load.
 
-    - vehicle: the vehicle, with its present load.
+    - vehicle: the vehicle; its mass and wheel load are those of the stop.
     - rail: "dry" or "wet", for the whole stop.
     - speed_kmh: speed at which the brake is applied, km/h.
-    - adhesion: adhesion law, or the name of a published law, whose parameters then depend on wheel load and speed.
+    - adhesion: an adhesion law, or the name of a published law, which then gets the parameters for this wheel load and
+      speed.
 
-    InputError: an unknown rail or law, or a speed out of its range.
+    InputError: an unknown rail or law, or a speed that is not allowed.
     """
     speed = speed_kmh * KMH
     noise = PUBLISHED_DISTURBANCES.model_copy(update={"random_force": RANDOM_SHARE * vehicle.wheel_load})
@@ -292,7 +298,7 @@ def stop(
 
 
 def with_patch(scenario: Scenario, begin: float, length: float) -> Scenario:
-    """Return the scenario with a wet patch of `length`, m, that begins `begin`, m, after the start of braking."""
+    """Return the scenario with a wet patch of the given `length`, m, that begins at the braking distance `begin`, m."""
     ends = Event(distance=begin, rail=Rail.WET), Event(distance=begin + length, rail=scenario.rail)
     return scenario.with_changes(events=ends)
 
@@ -302,7 +308,9 @@ BUILT_IN = ("park2008", "park2008-si", "stop")  #: names of the scenarios that c
 
 @checked
 def built_in_scenario(name: str) -> Scenario:
-    """Return a built-in scenario by its name in `BUILT_IN`: the published run as published or in SI, or a plain stop.
+    """Return a built-in scenario by its name in `BUILT_IN`: "park2008", "park2008-si" or "stop".
+
+    The first two are the results of `published_scenario`, as published and in SI; the third is that of `stop`.
 
     InputError for another name; the message lists the names.
     """
@@ -318,7 +326,7 @@ _LONGEST_CHAIN = 8  # largest number of scenario files that extend one another; 
 
 
 class _Keys(Scenario):
-    """Keys of a scenario file: the fields of `Scenario`, and keys from which other fields are computed."""
+    """Keys of a scenario file: the fields of `Scenario`, and further keys that change them."""
 
     extends: str | None = None
     loaded: bool = False
@@ -374,7 +382,10 @@ def _extended(name: Any, path: Path, chain: tuple[Path, ...]) -> Scenario:
 
 
 def _vehicle_and_law(keys: dict[str, Any], base: Scenario | None, path: Path) -> dict[str, Any]:
-    """Return vehicle, adhesion law and changed events of a scenario file; `Scenario` checks for missing values."""
+    """Return the fields vehicle, adhesion and events of the scenario, as far as the file determines them.
+
+    `base` is the scenario that the file extends, or None. `Scenario` reports fields that are missing.
+    """
     where = file_name(path)
     if "vehicle" not in keys and base is None:
         return {}

@@ -1,8 +1,8 @@
 """Campaigns: many braking runs with sampled or swept quantities, on all cores or a cluster, with statistics.
 
-`specification` defines a campaign and reads it from TOML. `execution` runs it, stores the results in a folder, and
-repeats single runs. `statistics` evaluates it. `rare` computes the probability of an event that is too rare for a
-campaign, by the methods of `subset`.
+`specification` defines a campaign and reads it from a TOML file. `execution` simulates its runs, stores the results in
+a folder, and repeats single runs. `statistics` computes statistics of the results. `rare` computes the probability of
+an event that is too rare for a campaign, by the methods of `subset`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Execution of a campaign, in processes of this machine or on a Dask cluster, and replay of single runs.
+"""Execution of a campaign, in processes of this machine or on a Dask cluster, and repetition of single runs.
 
-A new campaign is divided into parts. The folder of the campaign has a manifest and a Parquet file for each finished
-part. A resumed campaign runs the missing parts.
+The runs of a campaign are divided into parts. The folder of the campaign contains a manifest, and a Parquet file for
+each finished part. If a campaign is interrupted, a new call simulates only the missing parts.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Rows = list[dict[str, Any]]
 
 REFUSED = "values not allowed"
-"""Outcome of a run that did not start because a sampled value is not allowed, for example mass > loaded mass."""
+"""Outcome of a run that is not simulated because a sampled value is not allowed, for example mass > loaded mass."""
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
@@ -54,9 +54,12 @@ _REACH = 5.0  # s, longest wait for an answer of the scheduler
 
 @dataclass(frozen=True)
 class Measure:
-    """Column of the results; with `of_stop` it is null for a run that did not stop.
+    """A result of a run, which is a column of the results of a campaign.
 
-    Reports show the value times `scale` in `shown_unit`, or in `unit` if `shown_unit` is empty.
+    - name, title, unit: name of the column, title in reports, and unit.
+    - read: function that returns the value for a run.
+    - of_stop: if True, the value is null for a run that did not stop.
+    - scale, shown_unit: reports show the value times `scale` (ratio), in `shown_unit` or, if this is empty, in `unit`.
     """
 
     name: str
@@ -68,7 +71,7 @@ class Measure:
     shown_unit: str = ""
 
     def of(self, run: Run) -> float | None:
-        """Return the value of the measure for a run; None if it is not defined."""
+        """Return the value of the measure for a run; None if the value is NaN, or if `of_stop` excludes this run."""
         value = float(self.read(run)) if run.stopped or not self.of_stop else math.nan
         return None if math.isnan(value) else value
 
@@ -83,7 +86,7 @@ MEASURES = (
     Measure("max_torque_nm", "highest torque", "N*m", lambda run: run.max_torque),
     Measure("rms_torque_rate", "rms torque rate", "N*m/s", lambda run: run.rms_torque_rate),
 )
-"""Measures for which there are statistics."""
+"""Measures of which the statistics of a campaign are computed."""
 
 OTHERS = (
     Measure("ended_at_s", "time at the end of the run", "s", lambda run: run.braking_time),
@@ -100,25 +103,29 @@ OTHERS = (
     Measure("max_torque_rate", "highest torque rate", "N*m/s", lambda run: run.max_torque_rate),
     Measure("energy_error", "error of the energy balance", "1", lambda run: run.energies.error),
 )
-"""Measures that are only stored."""
+"""Measures that are stored, but without statistics."""
 
 COLUMNS = MEASURES + OTHERS
 
 
 def measured(name: str) -> Measure:
-    """Return the measure with statistics that has this name; StopIteration for any other name."""
+    """Return the measure in `MEASURES` with a name; StopIteration for an unknown name."""
     return next(measure for measure in MEASURES if measure.name == name)
 
 
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
-    """Return the row of a run, None where it has no value; `run` is None if the sampled values are not allowed."""
+    """Return the results of a run as a row of the results table, by column.
+
+    - number, values, controller: number of the run, sampled values by name, SI, and name of the controller.
+    - run: the run; None if the sampled values are not allowed, so that all measures are None.
+    """
     outcome = REFUSED if run is None else run.outcome.value
     measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
     return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}
 
 
 def run_rows(campaign: Campaign, i: int) -> Rows:
-    """Simulate run number i and return its rows, one for each controller."""
+    """Simulate run number i with every controller; return a row of results for each controller."""
     values, ready = campaign.values(i), dict[str, Simulator]()
     with suppress(InputError):
         case = campaign.case(i)
@@ -130,26 +137,29 @@ def run_rows(campaign: Campaign, i: int) -> Rows:
 
 
 class Part(NamedTuple):
-    """Part of a campaign: runs from `start` to `stop` - 1."""
+    """Part of a campaign: the runs with the numbers from `start` to `stop` - 1."""
 
     start: int
     stop: int
 
 
 def check_version(version: str) -> None:
-    """Raise InputError if this worker has another version of the package."""
+    """Raise InputError if this process has another version of the package than `version`."""
     if version != __version__:
         raise InputError(f"scheduler: a worker has version {__version__} instead of {version}; install {version} there")
 
 
 def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """Return the rows of a part, computed by a worker; InputError if the worker has another version of the package."""
+    """Simulate the runs of a part and return their rows; a worker process calls this function.
+
+    InputError if the process has another version of the package than `version`.
+    """
     check_version(version)
     return [row for i in range(*part) for row in run_rows(campaign, i)]
 
 
 def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """Return the rows of a part as `run_part` does, computed on this machine's GPU."""
+    """Return the same rows as `run_part`, computed on the GPU of this machine."""
     check_version(version)
     runs: dict[tuple[int, str], Run] = {}
     for k, name in enumerate(campaign.controller_names):
@@ -168,7 +178,7 @@ def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
 
 @dataclass(frozen=True)
 class Store:
-    """Results of a campaign in a folder; each file has a part of `part_runs` runs."""
+    """Results of a `campaign` in a `folder`; each file contains a part, which has `part_runs` runs."""
 
     campaign: Campaign
     folder: Path
@@ -176,9 +186,10 @@ class Store:
 
     @classmethod
     def open(cls, campaign: Campaign, folder: Path, *, part_runs: int | None = None) -> Store:
-        """Open the store of a campaign in a folder; an existing store keeps its `part_runs`. Nothing is written.
+        """Return the store of a campaign in a new or existing folder, without writing anything.
 
-        InputError if the folder has another campaign, a campaign of another version, or other files.
+        `part_runs` is the number of runs in a part; a folder that already has results keeps its number. InputError if
+        the folder contains results of another campaign or of another version of the package, or other files.
         """
         if (folder / MANIFEST).exists():
             return cls._resumed(campaign, folder)
@@ -212,10 +223,10 @@ class Store:
 
     @contextmanager
     def claimed(self) -> Iterator[Store]:
-        """Lock the folder for this process, and write the manifest if the store is new.
+        """Lock the folder for this process, and write the manifest if the folder has none.
 
-        A new store is removed if an error occurs before a part is finished. InputError if another process writes to
-        the folder, or if the folder is not writable.
+        If an error occurs before any part is finished, the manifest is removed. InputError if another process has
+        locked the folder, or if the folder is not writable.
         """
         with claimed(self.folder):
             # opened again, because another process may have begun the campaign meanwhile
@@ -231,7 +242,7 @@ class Store:
                 raise
 
     def _begin(self) -> None:
-        """Write the manifest if it is missing, and remove unfinished files of an interrupted campaign."""
+        """Write the manifest if it is missing, and delete unfinished files of an interrupted campaign."""
         content = {
             "format": FORMAT,
             "package": "railslip_ctrl",
@@ -260,7 +271,7 @@ class Store:
         return map(self.part, range(0, self.campaign.runs, self.part_runs))
 
     def path(self, part: Part) -> Path:
-        """Return the path of a part's file; the file exists if the part is finished."""
+        """Return the path of the file of a part; the file exists only if the part is finished."""
         return self.folder / PARTS / f"runs-{part.start:010d}-{part.stop - 1:010d}.parquet"
 
     def finished(self) -> Iterator[Part]:
@@ -273,7 +284,10 @@ class Store:
         return all(self.path(part).is_file() for part in self.parts())
 
     def write(self, part: Part, rows: Rows) -> None:
-        """Write the `rows` of a part as one complete file; InputError if the folder is not writable."""
+        """Write the `rows` of a part to its file, which appears only when it is complete.
+
+        InputError if the folder is not writable.
+        """
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -285,9 +299,9 @@ class Store:
             raise unwritable(self.folder, error) from None
 
     def read(self, part: Part, columns: list[str] | None = None) -> pa.Table:
-        """Return the rows of a part in order of run and controller; `columns` are names, by default all.
+        """Return the rows of a part in order of run and controller.
 
-        InputError for a damaged file.
+        `columns` are the names of the columns to read, by default all. InputError for a damaged file.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -307,12 +321,12 @@ class Store:
         return table
 
     def row(self, i: int) -> dict[str, dict[str, Any]]:
-        """Return the rows of run number i by controller; empty if the part of this run is not finished."""
+        """Return the row of run number i for each controller, by name; empty if its part is not finished."""
         rows = self.read(self.part(i)).to_pylist() if self.path(self.part(i)).is_file() else []
         return {row["controller"]: row for row in rows if row["run"] == i}
 
     def schema(self) -> pa.Schema:
-        """Columns of the Parquet files, each with unit and meaning."""
+        """Columns of the Parquet files: name, type, unit and title of each."""
         import pyarrow as pa
 
         def number(name: str, unit: str, title: str) -> pa.Field:
@@ -325,7 +339,7 @@ class Store:
 
 
 def _foreign(folder: Path) -> bool:
-    """Return True if a folder without a manifest has files other than those of an interrupted campaign."""
+    """Return True if a folder without a manifest contains files that no interrupted campaign has left."""
     return any(
         not path.name.startswith((INCOMPLETE, LOCK))
         and not (path.name == PARTS and path.is_dir() and not any(path.iterdir()))
@@ -345,19 +359,19 @@ def execute(
     part_runs: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Store:
-    """Run the missing parts of a `campaign` into a new or existing `folder`; return the complete store.
+    """Simulate the parts of a `campaign` that are missing in a new or existing `folder`; return the complete results.
 
-    The options do not change the rows:
+    The options have no effect on the results:
 
-    - `workers`: number of processes; by default one for each core; 1 runs in this process.
+    - `workers`: number of processes, by default one for each core; with 1 the runs are simulated in this process.
     - `scheduler`: address of a Dask scheduler (``tcp://host:8786``), whose workers then run the campaign. The workers
       need the same version of this package, but no common file system.
-    - `part_runs`: number of runs in a part; the default depends on the number of runs.
+    - `part_runs`: number of runs in a part; the default depends on the number of runs in the campaign.
     - `progress`: function that is called with the number of runs already stored, then with the number of runs of each
       newly finished part.
 
-    InputError if the folder has other files, is not writable or is in use; if a worker process ends unexpectedly; or if
-    the cluster cannot be reached or has another version of this package.
+    InputError if the folder contains other files, is not writable, or is locked by another process; if a worker process
+    ends unexpectedly; or if the cluster cannot be reached or has another version of this package.
     """
     work: Work = run_part
     if campaign.device == "gpu":
@@ -390,14 +404,19 @@ def execute(
 # --- workers --------------------------------------------------------------------------------------------------------
 
 Work = Callable[[Any, Any, str], Any]
-"""Function that a worker runs; arguments: data common to all tasks, the task, version of the package."""
+"""Function that a worker process calls with the data common to all tasks, a task, and the version of the package."""
 
 Workers = tuple[Callable[[Any], "Future[Any]"], int]
-"""Function that submits a task, and the number of waiting tasks that keeps every worker busy."""
+"""Function that submits a task, and how many submitted tasks keep every worker process busy."""
 
 
 def workers_for(work: Work, shared: Any, workers: int | None, scheduler: str | None) -> AbstractContextManager[Workers]:
-    """Return the workers for tasks: this process, several processes or a cluster; arguments as for `execute`."""
+    """Return workers that compute tasks: this process, several processes, or a cluster.
+
+    - work: function that computes a task.
+    - shared: data common to all tasks.
+    - workers, scheduler: number of processes, or address of a Dask scheduler, as for `execute`.
+    """
     check_extra("campaign", "campaign")
     if workers is not None and scheduler is not None:
         raise InputError(
@@ -419,7 +438,10 @@ def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
 
 @contextmanager
 def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
-    """Start worker processes; threads would wait for Python's lock, which a run holds for a third of its time."""
+    """Start `count` worker processes.
+
+    Threads would wait for the lock of the interpreter, which a run holds for a third of its time.
+    """
     cache_folder()  # created before the workers start, so that they share a temporary folder
     try:
         with processes(count) as submit:
@@ -433,7 +455,7 @@ def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
 
 
 def _nothing() -> None:
-    """Do nothing, as the first task of a process, which then imports this package."""
+    """Do nothing: this is the first task of a worker process, which makes it start and import this package."""
 
 
 @contextmanager
@@ -461,7 +483,7 @@ def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
 
 
 async def _reach(scheduler: str) -> None:
-    """Raise an error if a scheduler does not answer; a Dask client would wait long and print warnings."""
+    """Raise an error if a scheduler does not answer; a Dask client would wait longer and print warnings."""
     from distributed import Security
     from distributed.core import rpc
 
@@ -477,9 +499,11 @@ async def _reach(scheduler: str) -> None:
 
 @dataclass(frozen=True)
 class Replay:
-    """Repeated run of a campaign: its `number`, the sampled `values`, SI, by name, and the `runs` by controller.
+    """A run of a campaign that was simulated again.
 
-    `stored` is True if the campaign's folder has this run; the stored numbers then equal those of the repeated run.
+    - number, values: number of the run, and sampled values by name, SI.
+    - runs: the run with each controller, by name.
+    - stored: True if the folder of the campaign contains this run; the repeated run then had the stored results.
     """
 
     number: int
@@ -489,11 +513,11 @@ class Replay:
 
 
 def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
-    """Repeat run number `i` (from 0) of a `campaign` and record its time series at every sample.
+    """Simulate run number `i` (from 0) of a `campaign` again and record its time series at every sample.
 
-    InputError for an i out of range, for values that are not allowed, or if the results differ from those stored in the
-    campaign's `folder`, because another processor or version of NumPy may round differently. For a campaign on a GPU,
-    relative differences up to 1e-9 are accepted.
+    InputError for an i out of range, for sampled values that are not allowed, or if the results differ from those in
+    the `folder` of the campaign: another processor or another version of NumPy may round differently. For a campaign on
+    a GPU, relative differences up to 1e-9 are accepted.
     """
     case = campaign.case(i)
     runs = {c.label: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}

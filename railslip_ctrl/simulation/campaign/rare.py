@@ -1,7 +1,9 @@
-"""Probability of a rare event over a campaign's quantities, its random force and its sensor noise.
+"""Probability of a rare event over the random quantities of a campaign, its random force and its sensor noise.
 
-The inputs of a stop are standard normal variables z: a quantity is the quantile of its distribution at Phi(z). Noise
-after `_REMEMBERED` times the duration of the nominal stop comes from a seed, which is the last input.
+The random inputs of a stop are standard normal variables. An input z of a quantity gives the value at which the
+distribution function of the quantity is Phi(z), the standard normal distribution function. The inputs of the noise are
+its random numbers up to `_REMEMBERED` times the duration of the nominal stop. The last input gives a seed, from which
+later random numbers are drawn.
 """
 
 from __future__ import annotations
@@ -57,14 +59,17 @@ _KINDS: dict[str, tuple[Any, Any]] = {
 
 
 def _deceleration(run: Run) -> float:
-    """Return the mean deceleration over the distance of a stop, (v0^2 - v1^2)/(2 s), m/s^2; 0 if it did not stop."""
+    """Return the mean deceleration of a stop over its distance, m/s^2; 0 if the train did not stop.
+
+    It is (v0^2 - v1^2)/(2 s) for initial speed v0, final speed v1 and braking distance s.
+    """
     scenario = run.scenario
     change = scenario.initial_speed**2 - scenario.final_speed**2
     return change / (2.0 * run.braking_distance) if run.stopped else 0.0
 
 
 class Event(NamedTuple):
-    """Event that the `measure` of a stop exceeds a `threshold`, which has the measure's unit."""
+    """The event that a result of a stop, named `measure`, exceeds a `threshold` in its unit."""
 
     measure: str
     threshold: float
@@ -80,7 +85,10 @@ class Event(NamedTuple):
 
     @classmethod
     def read(cls, text: str) -> Event:
-        """Read "distance > 420 m", "time > 20 s", "slip > 0.5" or "lock". InputError for another text."""
+        """Return the event for text such as "distance > 420 m", "time > 20 s", "slip > 0.5" or "lock".
+
+        InputError for other text.
+        """
         if text.strip() == "lock":
             return cls("slip", 1.0 - LOCKED_SHARE)
         found = re.fullmatch(r"\s*(distance|time|slip)\s*>\s*(.+)", text)
@@ -95,11 +103,14 @@ class Event(NamedTuple):
 
 
 class Stops:
-    """Limit state of a campaign's stops: function from inputs to the measure of the stop, +inf for a stop without one.
+    """Function that simulates stops of a campaign: it returns the `measure` of the stop for given random inputs.
 
-    `groups`: indices of the inputs of each quantity, of the random force and of the sensor noise. `counts`: number of
-    stops, and number of stops whose values are not allowed or that ended early. InputError for a campaign with several
-    controllers, with a grid, or without a random input.
+    It returns +inf for a stop whose values are not allowed, or which ended early.
+
+    - groups: indices of the inputs of each quantity, of the random force and of the sensor noise, by name.
+    - counts: number of stops simulated so far, and number of those for which +inf was returned for this reason.
+
+    InputError for a campaign with several controllers, with a grid, or without a random input.
     """
 
     def __init__(self, campaign: Campaign, measure: str) -> None:
@@ -127,7 +138,7 @@ class Stops:
             )
 
     def drawn(self, point: Floats) -> tuple[dict[str, float], Noise]:
-        """Return the value of each quantity by name, and the noise, at a `point`: values of all inputs, (inputs,)."""
+        """Return the quantities by name, SI, and the noise for a `point`: the values of all random inputs, (n,)."""
         from scipy.special import ndtr
 
         quantities = self.campaign.quantities
@@ -137,13 +148,16 @@ class Stops:
         return values, Noise(force, sensors.reshape(-1, 2), int(point[-1:].view(np.int64)[0]) & (2**63 - 1))
 
     def run(self, point: Floats, record_every: int | None = None) -> Run:
-        """Simulate the stop at a point; InputError for values that are not allowed."""
+        """Simulate the stop for a `point`: the values of all random inputs, (n,).
+
+        `record_every` is as for `simulate`. InputError for values that are not allowed.
+        """
         values, noise = self.drawn(point)
         scenario, (controller,) = self.campaign.with_values(values.values())
         return Simulator(scenario, controller).run(noise, record_every=record_every)
 
     def __call__(self, points: Floats) -> Floats:
-        """Return the measure at each of the points (n, inputs), shape (n,)."""
+        """Return the measure of n stops, (n,), for `points`, the values of their random inputs, (n, inputs)."""
         return np.array([self._value(point) for point in points])
 
     def _value(self, point: Floats) -> float:
@@ -160,11 +174,12 @@ class Stops:
 
 @by_content
 class Tail(NamedTuple):
-    """Probability that the measure of a stop is worse than x, as a function of x.
+    """Probability that a result of a stop is worse than x, as a function of x.
 
-    - x: values of the measure, 1-D, in its unit.
+    - x: values of the result, 1-D, in its unit.
     - value, low, high: probability and its interval at each x, ratios.
-    - plain: share of the independent stops with Wilson's interval: rows (x, share, low, high), (n, 4), ratios.
+    - plain: the same probability as the share of independently drawn stops, with Wilson's interval, for comparison:
+      rows (x, share, low, high), (n, 4), shares as ratios.
     """
 
     x: Floats
@@ -178,8 +193,8 @@ class Tail(NamedTuple):
 class FailingStop(NamedTuple):
     """Most likely stop in which the event occurs.
 
-    - distance: distance of all random inputs from their medians, in standard deviations.
-    - values, noise: values of the quantities by name, SI, and random numbers of the force and the sensor noise.
+    - distance: length of the vector of all random inputs, measured from their medians, in standard deviations.
+    - values, noise: values of the quantities by name, SI, and random numbers of random force and sensor noise.
     - run: the simulated stop.
     """
 
@@ -193,15 +208,17 @@ class FailingStop(NamedTuple):
 class RareEvent:
     """Probability of an event in a campaign's stops.
 
-    - probability: `importance` if its variation is smaller and no warning speaks against it, else `subset`.
+    - probability: `importance` if it has the smaller coefficient of variation and there is no warning, else `subset`.
     - subset, importance: estimates by subset simulation and by importance sampling, with 95 % interval and coefficient
-      of variation, ratios; `importance` is NaN if no stop had the event.
-    - levels: thresholds of the levels, in the event's unit.
-    - shares: contribution of each quantity and of the noise to the mean inputs of the event, ratios.
-    - stop: most likely stop with the event; None if no stop had the event or its values are not allowed.
-    - tail: probability as a function of the measure's value.
+      of variation, ratios; `importance` is None if no stop had the event.
+    - levels: thresholds of the levels of subset simulation, in the unit of the event.
+    - shares: which inputs cause the event. Take the mean vector of the random inputs over the stops with the event; the
+      shares are those of each quantity, of the random force and of the sensor noise in its squared length, ratios.
+    - stop: most likely stop with the event; None if no stop had the event, or if the values of this stop are not
+      allowed.
+    - tail: probability that the result of a stop is worse than a value, as a function of this value.
     - stops: number of simulated stops.
-    - warnings: reasons not to trust the numbers; empty without warnings.
+    - warnings: reasons not to trust the numbers; empty if there are none.
     """
 
     campaign: Campaign
@@ -218,7 +235,7 @@ class RareEvent:
 
     @property
     def measured(self) -> tuple[str, str]:
-        """Name and unit of the tail's values."""
+        """Name and unit of the result on the x axis of `tail`."""
         return self.event.measure, self.event.unit
 
     def __str__(self) -> str:
@@ -228,7 +245,10 @@ class RareEvent:
 
 
 class Factor(NamedTuple):
-    """Factor Kdry_rst of a confidence level: `probability` of a deceleration below `factor` times the nominal one."""
+    """Factor Kdry_rst of ETCS for a confidence `level`.
+
+    `probability` is the probability that the deceleration of a stop is below `factor` times the nominal deceleration.
+    """
 
     level: int
     probability: float
@@ -237,11 +257,11 @@ class Factor(NamedTuple):
 
 @dataclass(frozen=True)
 class ConfidenceLevels:
-    """Table of Kdry_rst over the confidence levels of ETCS.
+    """The deceleration factor Kdry_rst for each confidence level of ETCS.
 
     - nominal: mean deceleration of the nominal stop, m/s^2.
-    - factors: factors, one for each confidence level of `EBCL`.
-    - tail: probability of a smaller factor, as a function of the factor.
+    - factors: a `Factor` for each confidence level of `EBCL`.
+    - tail: probability that the deceleration is below a factor times the nominal one, as a function of this factor.
     - campaign, stops, warnings, measured: as in `RareEvent`.
     """
 
@@ -261,7 +281,10 @@ class ConfidenceLevels:
 
 
 def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: str) -> dict[str, Any]:
-    """Do a task of a study and return its result as arrays by name; a task is (kind of `_KINDS`, number, arguments)."""
+    """Compute a task of a study and return its result as arrays by name; a worker process calls this function.
+
+    The task is a kind in `_KINDS`, its number, and the arguments of the function of this kind.
+    """
     check_version(version)
     (campaign, event), (kind, i, given) = shared, task
     stops = Stops(campaign, event.measure)
@@ -271,7 +294,7 @@ def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: st
 
 
 class _Study:
-    """Study of an event in a campaign's stops; a folder keeps finished tasks, which are then not repeated."""
+    """Computation of the probability of an event; results of finished tasks are kept in a folder and not repeated."""
 
     def __init__(self, campaign: Campaign, event: Event, points: int, repeats: int) -> None:
         number("points", points, ge=100)
@@ -282,7 +305,7 @@ class _Study:
     def at_work(
         self, folder: str | Path | None, workers: int | None, scheduler: str | None, progress: Callable[[str], None]
     ) -> Iterator[None]:
-        """Connect the workers, and run the pilot and the repeats."""
+        """Start the worker processes, choose the levels by the task "pilot", and compute the repeats."""
         campaign, event, self._progress = self.stops.campaign, self.event, progress
         what = json.dumps([__version__, {**described(campaign), "runs": 0}, *map(str, event), self.points])
         where = TemporaryDirectory() if folder is None else nullcontext(folder)
@@ -296,7 +319,10 @@ class _Study:
             yield
 
     def done(self, kind: str, count: int, *given: Any) -> list[Any]:
-        """Return the results of `count` tasks of a kind; those in the folder are read, the others computed."""
+        """Return the results of `count` tasks of a `kind` in `_KINDS`; `given` are arguments of the tasks.
+
+        Results that are in the folder are read; the others are computed.
+        """
         paths = [self._folder / f"{kind}-{i}.npz" for i in range(count)]
         waiting = {path: self._submit((kind, i, given)) for i, path in enumerate(paths) if not path.is_file()}
         found = []
@@ -311,7 +337,7 @@ class _Study:
         return found
 
     def tail(self) -> Tail:
-        """Return the probability as a function of the measure, over the values of all levels."""
+        """Return the probability as a function of the result, over the range of the results in all levels."""
         rows = np.concatenate([one.values for one in self.repeats], axis=1)
         finite = [row[np.isfinite(row)] for row in rows]
         if not any(row.size for row in finite):
@@ -327,7 +353,7 @@ class _Study:
         return Tail(x, *subset.pooled(np.array([one.exceeded(x) for one in self.repeats]))[:3], plain)
 
     def warnings(self) -> list[str]:
-        """Return the warnings about levels and outcomes."""
+        """Return warnings: equal results, levels that stall, and stops that could not be simulated."""
         found, threshold = [], self.event.threshold
         if (same := max(map(subset.repeated, self.repeats))) > _MOST_REPEATED:
             found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops of a level have equal values")
@@ -342,11 +368,15 @@ class _Study:
 
     @property
     def reached(self) -> float:
-        """Estimated probability of the last level."""
+        """Estimated probability that a stop reaches the last level."""
         return float(np.mean([np.prod(one.shares) for one in self.repeats]))
 
     def candidates(self, mean: Floats, kept: Floats) -> Iterator[Floats]:
-        """Yield candidates for the design point: `mean` of the event's points, then points `kept` by the repeats."""
+        """Yield vectors of inputs in whose direction the design point is searched.
+
+        The first one is `mean`, the mean of the inputs of the stops with the event. Then come those of the inputs
+        `kept`, (n, inputs), of such stops whose quantities are nearest to their medians, with reduced noise.
+        """
         yield mean
         count = len(self.stops.campaign.quantities)
         nearest = kept[np.argsort(np.linalg.norm(kept[:, :count], axis=1))[:_SHOWN]]
@@ -366,15 +396,15 @@ def rare_event(
     repeats: int = REPEATS,
     progress: Callable[[str], None] = lambda message: None,
 ) -> RareEvent:
-    """Compute the probability of an event over a campaign's quantities, random force and sensor noise.
+    """Compute the probability of an event in stops with random quantities, random force and sensor noise.
 
     - campaign: campaign with one controller and no grid; its number of runs and its sampling have no effect.
     - event: "lock", or a bound with its unit: "distance > 420 m", "time > 20 s", "slip > 0.5" (ratio).
     - folder: folder for finished repeats, so that an interrupted study is resumed; by default nothing is kept.
     - workers, scheduler: processes, or a Dask scheduler, as for `execute`; they do not change the numbers.
-    - points: number of stops in each level of a repeat, and of importance samples for each repeat.
-    - repeats: number of independent repeats, from which the interval is computed.
-    - progress: function that receives a line for each finished task.
+    - points: number of stops in each level of a repeat, and number of stops in a repeat of importance sampling.
+    - repeats: number of independent estimates by each method; the intervals are computed from their differences.
+    - progress: function that is called with a line of text for each finished task.
 
     Returns the probability with its interval, in a `RareEvent`. InputError for a wrong event or campaign.
     """
@@ -444,8 +474,8 @@ def confidence_levels(
 
     - campaign, folder, workers, scheduler, points, repeats, progress: as in `rare_event`.
 
-    Returns factors with 95 % intervals, and the whole tail. InputError as for `rare_event`, or if the nominal run does
-    not stop.
+    Returns the factors with 95 % intervals, and the probability as a function of the factor. InputError as for
+    `rare_event`, or if the train does not stop in the nominal run.
     """
     study = _Study(campaign, Event("deceleration", math.inf), points, repeats)
     nominal = _deceleration(study.stops.nominal)

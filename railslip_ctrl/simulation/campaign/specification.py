@@ -1,6 +1,6 @@
 """Definition of a campaign: a scenario, controllers, quantities with distributions, a number of runs and a seed.
 
-In a TOML file a quantity is a number in SI or text with a unit.
+In a campaign file, a value is a number in SI units, or text with a unit.
 """
 
 from __future__ import annotations
@@ -38,8 +38,7 @@ T = TypeVar("T")
 MOST_RUNS = 10**9  #: largest number of runs of a campaign
 LARGEST_SEED = 2**63 - 1  #: largest seed of a campaign
 CUT = 4.0
-"""Standard deviations from the mean at which a normal distribution is cut off by default; all values are then finite.
-"""
+"""Number of standard deviations from the mean at which a normal distribution is truncated by default."""
 
 _FARTHEST = 8.0  # standard deviations; bounds farther out leave a probability below 1e-15 and are refused as a mistake
 _LISTED = 200  # number of characters of the list of paths in a message
@@ -51,7 +50,7 @@ _DESIGN = 2**32 - 1  # index of the campaign's child seed for points that are dr
 
 
 class Distribution:
-    """Base class of the distributions of a quantity, SI; each defines its quantile function `at`."""
+    """Base class of the distributions of a quantity, SI; a derived class defines the quantile function `at`."""
 
     low: Any
     high: Any
@@ -93,11 +92,11 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """Normal distribution with `mean` and standard deviation `std`, SI, cut off at `low` and `high`.
+    """Normal distribution with `mean` and standard deviation `std`, SI, truncated to the range from `low` to `high`.
 
-    By default it is cut off at `CUT` standard deviations from the mean.
+    By default the range is `CUT` standard deviations to each side of the mean.
 
-    InputError for `std` <= 0, or for bounds with almost no probability between them.
+    InputError for `std` <= 0, or if the probability of the range is almost zero.
     """
 
     mean: float
@@ -139,10 +138,10 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class LogNormal(Distribution):
-    """Log-normal distribution with `median`, SI, and `spread`, the standard deviation of the logarithm.
+    """Log-normal distribution with `median`, SI, and `spread`, the standard deviation of the natural logarithm.
 
-    It is cut off at `low` and `high`; by default at `CUT` standard deviations of the logarithm. InputError for a
-    median, spread or low that is not positive.
+    It is truncated to the range from `low` to `high`. By default the logarithm is truncated at `CUT` standard
+    deviations to each side. InputError for a median, spread or low that is not positive.
     """
 
     median: float
@@ -208,7 +207,10 @@ class _Listed(Distribution):
 
 @dataclass(frozen=True)
 class Choice(_Listed):
-    """One of the `values`, SI, with equal probabilities or `weights` (ratios); InputError for a weight <= 0."""
+    """Distribution over a few `values`, SI, with equal probabilities or in proportion to `weights` (ratios).
+
+    InputError for a weight <= 0.
+    """
 
     weights: tuple[float, ...] | None = None
 
@@ -227,17 +229,17 @@ class Choice(_Listed):
 
 @dataclass(frozen=True)
 class Grid(_Listed):
-    """All of the `values`, SI; each is combined with every value of the campaign's other grids."""
+    """List of `values`, SI, which are not random: the runs use all of them, in all combinations with other grids."""
 
 
 DISTRIBUTIONS: dict[str, Any] = {
     made.__name__.lower(): made for made in (Uniform, Normal, LogNormal, Triangular, Choice, Grid)
 }
-"""Distributions by the names that files use."""
+"""Classes of distributions by their names in campaign files."""
 
 
 class Sampling(StrEnum):
-    """Method of sampling points in the unit cube; each coordinate gives one quantity, by its quantile function."""
+    """Method of sampling points in the unit cube; a coordinate is the probability in a quantity's quantile function."""
 
     RANDOM = "random"
     LATIN_HYPERCUBE = "latin-hypercube"
@@ -245,7 +247,7 @@ class Sampling(StrEnum):
 
 
 def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
-    """Return point number i of the unit cube."""
+    """Return the point of the unit cube for run number i, (dimensions,)."""
     if dimensions == 0 or sampling is Sampling.RANDOM:
         return stream(seed, i, _DRAW).random(dimensions)
     if sampling is Sampling.LATIN_HYPERCUBE:
@@ -262,7 +264,7 @@ def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: in
 
 @lru_cache(maxsize=4)
 def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
-    """Return all points of a Latin hypercube; they are drawn together, because each depends on the others."""
+    """Return all points of a Latin hypercube, (runs, dimensions); they depend on one another and are drawn together."""
     from scipy.stats import qmc
 
     points: Floats = qmc.LatinHypercube(dimensions, rng=stream(seed, _DESIGN)).random(runs)
@@ -270,7 +272,7 @@ def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
-    """Return the random generator for a child of a seed; `key` is the number of the child."""
+    """Return a random generator; different numbers `key` give independent generators for the same seed."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
@@ -278,7 +280,7 @@ def stream(seed: int, *key: int) -> np.random.Generator:
 
 
 def described(value: Any) -> Any:
-    """Return a record as plain data for JSON: its kind and its members by name."""
+    """Return a record as data that JSON can contain: the name of its class, and its fields by name."""
     if isinstance(value, Enum):
         return value.value
     if value is None or isinstance(value, (str, bool, int, float)):
@@ -299,9 +301,9 @@ def described(value: Any) -> Any:
 class Quantity:
     """A quantity that varies from run to run: its `distribution`, SI, and the `paths` of the numbers that it sets.
 
-    A path names a number of the scenario ("vehicle.mass"). A path that the scenario does not have names a number of
-    every controller that has this path ("kp"). With the name of a controller in front, it names a number of this
-    controller only ("pi.kp"). If `relative` is True, the value is a factor on the numbers that the paths name.
+    A path names a number of the scenario ("vehicle.mass"). If the scenario has no number of this path ("kp"), it names
+    the number of this path in every controller that has it. With the name of a controller in front ("pi.kp") it names
+    the number of this controller only. If `relative` is True, the numbers are multiplied by the value of the quantity.
     """
 
     paths: tuple[str, ...]
@@ -316,7 +318,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class SampledRun:
-    """Run of a campaign: sampled values by name, scenario and controllers with these values, and seed."""
+    """Inputs of a run of a campaign: sampled values by name, scenario and controllers with these values, and seed."""
 
     values: dict[str, float]
     scenario: Scenario
@@ -326,17 +328,18 @@ class SampledRun:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Many runs of a scenario with varied quantities; run number i (from 0) depends only on the campaign and i.
+    """Many runs of a scenario in which quantities vary; run number i (from 0) depends only on the campaign and on i.
 
     In each run the sampled vehicle, the rail and the noise are the same for every controller.
 
     - scenario: the braking run.
-    - controllers: controllers as for `simulate`; a second unnamed controller of a kind gets the number 2 in its name.
+    - controllers: controllers as for `simulate`. If two have the same default name, the second gets the number 2.
     - quantities: quantities of scenario and controllers that vary from run to run.
     - runs: number of runs, 1 to `MOST_RUNS`.
     - seed: seed of the campaign, 0 to 2^63 - 1.
     - sampling: method of sampling the quantities.
-    - device: "cpu" or "gpu"; on the GPU, a counter-based generator makes the random force and the noise.
+    - device: "cpu" or "gpu". On the GPU, random force and noise come from the counter-based generator `Counted`, so
+      that their random numbers differ from those on the CPU.
 
     InputError: no controller; two controllers with the same name; a path that does not exist or is given twice; a
     number of runs or a seed out of range; a number of runs that does not fit the grid or the Sobol sequence; a quantity
@@ -385,19 +388,22 @@ class Campaign:
 
     @property
     def quantity_units(self) -> dict[str, str]:
-        """Unit of each quantity by name: "1" for a factor, "" if the unit is not known."""
+        """Unit of each quantity by name: "1" if the quantity is a factor, "" if the unit is not known."""
         return {q.name: "1" if q.relative else self.number_at(q.paths[0]).unit for q in self.quantities}
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of everything that the results depend on."""
+        """Hash of all inputs on which the results depend."""
         content = described(self)
         if self.device == "cpu":  # left out, because folders of older versions do not have it
             del content["device"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def number_at(self, path: str) -> Number:
-        """Return the number at a path of a `Quantity`; InputError, with the nearest path, for an unknown path."""
+        """Return the number of scenario or controller that a `path` names, as in `Quantity`.
+
+        InputError for an unknown path; the message proposes the most similar path.
+        """
         if path not in self._paths:
             near = close_match(path, self._paths) or f"scenario: {', '.join(self._paths)[:_LISTED]} ... "
             raise InputError(f"quantity: {path!r} is not a number of the scenario or of a controller; {near.rstrip()}")
@@ -405,7 +411,7 @@ class Campaign:
         return self._numbers[owner][own]
 
     def case(self, i: int) -> SampledRun:
-        """Return run number i with its values; InputError for an i out of range or for values that are not allowed."""
+        """Return the inputs of run number i; InputError for an i out of range or for values that are not allowed."""
         values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
         draws = Counted(*seed.generate_state(2).tolist()) if self.device == "gpu" else seed
         return SampledRun(values, *self.with_values(values.values()), draws)
@@ -413,7 +419,8 @@ class Campaign:
     def values(self, i: int) -> dict[str, float]:
         """Return the sampled values of run number i by name; InputError for an i out of range.
 
-        The grid point of the run is i modulo the number of grid points; the value of the first grid changes fastest.
+        Run i has the combination of grid values with the number i modulo `grid_points`. In the order of these numbers
+        the value of the first grid changes fastest.
         """
         if not 0 <= i < self.runs:
             raise InputError(f"run: {i} is not allowed; the campaign has runs 0 to {self.runs - 1}")
@@ -429,7 +436,7 @@ class Campaign:
         return values
 
     def grid_values(self, point: int) -> dict[str, float]:
-        """Return the values of the grids by name at the grid point with number `point`, from 0."""
+        """Return the combination of grid values with the number `point`, from 0, by name of the quantity."""
         grids = {quantity.name for quantity in self.quantities if isinstance(quantity.distribution, Grid)}
         return {name: value for name, value in self.values(point).items() if name in grids}
 
@@ -439,12 +446,16 @@ class Campaign:
 
     @cached_property
     def _numbers(self) -> tuple[dict[str, Number], ...]:
-        """Numbers by path, first of the scenario, then of each controller."""
+        """Numbers of the scenario by path, then for each controller its numbers by path."""
         return tuple(map(numbers, (self.scenario, *self.controllers)))
 
     @cached_property
     def _paths(self) -> dict[str, list[tuple[int, str]]]:
-        """For each path of a `Quantity`, index in `_numbers` and path in this record; the scenario has priority."""
+        """For each path that a quantity may have, the numbers that it names.
+
+        Each number is given by the index of its record in `_numbers`, 0 for the scenario, and by its path in this
+        record. A path that the scenario has names only the number of the scenario.
+        """
         paths: dict[str, list[tuple[int, str]]] = {}
         for k, own in enumerate(self._numbers[1:], 1):
             for path in own:
@@ -455,7 +466,10 @@ class Campaign:
 
     @cached_property
     def _targets(self) -> list[list[tuple[int, str, float]]]:
-        """Targets of each quantity: index in `_numbers`, path in this record, and factor on the value."""
+        """For each quantity the numbers that it sets: index of the record in `_numbers`, path in it, and a factor.
+
+        The number is set to the factor times the value of the quantity.
+        """
         taken: set[tuple[int, str]] = set()
         all_targets: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
@@ -473,7 +487,10 @@ class Campaign:
         return all_targets
 
     def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
-        """Return the changed numbers, SI, by path, for `values` of all quantities; key 0: scenario, i: controller i."""
+        """Return the numbers, SI, that `values` of all quantities set, by record and path.
+
+        Record 0 is the scenario; record i >= 1 is controller number i, from 1.
+        """
         changed: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:
@@ -481,7 +498,10 @@ class Campaign:
         return changed
 
     def with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
-        """Return scenario and controllers with `values`, SI, of all quantities; InputError for a value not allowed."""
+        """Return scenario and controllers in which the quantities have the `values`, SI.
+
+        InputError for a value that is not allowed.
+        """
         records: list[Any] = [self.scenario, *self.controllers]
         for owner, change in self.changes(values).items():
             records[owner] = replaced(records[owner], change)
@@ -507,7 +527,10 @@ class Campaign:
             )
 
     def _check_ends(self) -> None:
-        """Raise InputError for an extreme value of a quantity that is not allowed, with the others at their medians."""
+        """Raise InputError if the smallest or the largest value of a quantity is not allowed.
+
+        All other quantities then have their medians.
+        """
         middle = [distribution.at(0.5) for distribution in self._distributions]
         for k, distribution in enumerate(self._distributions):
             for end in distribution.ends:
@@ -515,7 +538,10 @@ class Campaign:
 
 
 def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Controller, ...]:
-    """Return the controllers `made` from `given`; a default name that is already used gets a number."""
+    """Return the controllers `made` from the user's objects `given`, with different names.
+
+    A number is added to a default name that is already used; a name that the user has set does not change.
+    """
     named: dict[str, Controller] = {}
     twice = []  # controllers with a name that the user has given twice, which `Campaign` refuses
     for original, control in zip(given, made, strict=True):
@@ -534,14 +560,17 @@ def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Control
 
 
 KEYS_OF = {kind: tuple(field.name for field in fields(made)) for kind, made in DISTRIBUTIONS.items()}
-"""Keys of each distribution's table."""
+"""Parameters of each distribution, which are keys in the table of a quantity."""
 
 _WITHOUT_UNIT = ("spread", "weights")
 _LISTS = ("values", "weights")
 
 
 class ControllerTable(Record):
-    """Table `[[controller]]`: a built-in controller or a file; `name` distinguishes controllers of the same kind."""
+    """Table `[[controller]]` of a campaign file: a built-in controller or a controller file.
+
+    `name` distinguishes controllers of the same kind.
+    """
 
     controller: str
     name: str | None = Field(None, pattern=r"^[\w-]+$")
@@ -554,7 +583,7 @@ class ControllerTable(Record):
 
 
 class QuantityKeys(BaseModel):
-    """Table `[[quantity]]`; all other keys are those of the distribution, `KEYS_OF`."""
+    """Table `[[quantity]]` of a campaign file; its other keys are the parameters of the distribution (`KEYS_OF`)."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
 
@@ -577,7 +606,9 @@ class CampaignKeys(BaseModel):
 
 
 def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campaign:
-    """Load a campaign from a TOML file; `controllers`, names or files, replace the controllers of the file.
+    """Load a campaign from a TOML file.
+
+    If `controllers`, names or files, are given, they replace the controllers of the file.
 
     InputError: one line with the file, the key, the value and what is allowed.
     """
@@ -599,7 +630,7 @@ def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campa
 
 
 def _located(where: str, make: Callable[[], T]) -> T:
-    """Call `make`; an InputError gets the position in the file in front of its message."""
+    """Return the result of `make`; if it raises InputError, put `where`, a position in the file, before the message."""
     try:
         return make()
     except InputError as error:
@@ -658,7 +689,10 @@ def _distribution(keys: QuantityKeys, unit: str) -> Distribution:
 
 
 def _si(value: Any, unit: str, name: str) -> Any:
-    """Return a number, or a tuple of numbers, in SI; if the unit is unknown, only plain numbers are allowed."""
+    """Return the value of a key, a number or a tuple of numbers, in SI.
+
+    If the `unit` of the quantity is not known (""), the value must be a number without a unit.
+    """
     unit = "1" if name in _WITHOUT_UNIT else unit or "1"
     if name in _LISTS:
         if not isinstance(value, list):

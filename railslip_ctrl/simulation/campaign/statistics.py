@@ -1,6 +1,7 @@
-"""Statistics of a campaign: estimates, comparisons of controllers, worst runs; and `campaign`, which does everything.
+"""Statistics of a campaign: estimates, comparisons of controllers, and worst runs.
 
-The results are read column by column, so that a run needs only some tens of bytes of memory.
+The function `campaign` also simulates the runs. The results are read column by column, so that a run needs only some
+tens of bytes of memory.
 """
 
 from __future__ import annotations
@@ -56,7 +57,10 @@ _UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True)
 class Moments:
-    """Count, mean, sample standard deviation, minimum and maximum of finite values; NaN if there are too few."""
+    """Number, mean, sample standard deviation, minimum and maximum of finite values.
+
+    The mean of no values and the standard deviation of fewer than two values are NaN.
+    """
 
     count: int
     mean: float
@@ -74,7 +78,7 @@ class Moments:
 
     @property
     def estimate(self) -> Estimate:
-        """Return the mean with Student's interval."""
+        """Mean with its confidence interval by Student's t-distribution."""
         if self.count < 2:
             return Estimate(self.mean, -math.inf, math.inf) if self.count else _UNKNOWN
         from scipy import stats
@@ -84,7 +88,7 @@ class Moments:
 
 
 def share(count: int, total: int) -> Estimate:
-    """Return the share count/total with Wilson's confidence interval; NaN if the total is 0."""
+    """Return the ratio `count`/`total` with Wilson's confidence interval; NaN if `total` is 0."""
     if total == 0:
         return _UNKNOWN
     from scipy import stats
@@ -94,7 +98,10 @@ def share(count: int, total: int) -> Estimate:
 
 
 def quantile(values: Floats, level: float) -> Estimate:
-    """Return a quantile with its interval from order statistics (Conover, Practical Nonparametric Statistics, 3.2)."""
+    """Return the quantile of `values`, 1-D, at probability `level` (ratio), with its confidence interval.
+
+    The interval is computed from order statistics (Conover, Practical Nonparametric Statistics, 3.2).
+    """
     from scipy import stats
 
     low, high = stats.quantile_test(values, p=level).confidence_interval(CONFIDENCE)
@@ -114,13 +121,13 @@ class Histogram(NamedTuple):
 
     @classmethod
     def of(cls, values: Floats) -> Histogram:
-        """Return the histogram of finite values, with `BINS` bins, which have a width > 0 even for equal values."""
+        """Return the histogram of finite `values`, 1-D, with `BINS` bins of equal width."""
         low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
         edges = np.linspace(low, high if high > low else low + max(abs(low), 1.0) * 1e-3, BINS + 1)
         return cls(edges, np.histogram(values, edges)[0])
 
     def merged(self) -> Histogram:
-        """Return the histogram with fewer bins, at most about 2 n^(1/3) for n values (Rice rule)."""
+        """Return a histogram in which neighbouring bins are joined, so that at most 2 n^(1/3) remain for n values."""
         most = 2.0 * max(int(self.counts.sum()), 1) ** (1.0 / 3.0)
         bins = self.counts.size
         size = next(k for k in range(1, bins + 1) if (bins % k == 0 and bins / k <= most) or k == bins)
@@ -132,7 +139,10 @@ class Histogram(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasureSummary:
-    """Statistics of a measure over the stopped runs; `excluded` is the number of those without a finite value."""
+    """Statistics of a measure over the runs of a controller that stopped and have a finite value of the measure.
+
+    `excluded` is the number of stopped runs without a finite value.
+    """
 
     moments: Moments
     excluded: int
@@ -145,9 +155,10 @@ class ControllerSummary:
     """Statistics of one controller over the finished runs.
 
     - outcomes: number of runs by outcome.
-    - failed: run numbers of the first runs that did not stop, by outcome.
+    - failed: for each outcome other than a stop, the numbers of the first runs with this outcome.
     - not_stopped, locked: share of the runs that did not stop, and share of the runs with a locked wheel.
-    - worst: rows of the stopped runs with the highest values of the measure `worst_by`.
+    - measures: statistics of each measure, by name.
+    - worst: results of the stopped runs with the highest values of the measure `worst_by` of the `CampaignSummary`.
     """
 
     name: str
@@ -166,9 +177,11 @@ class ControllerSummary:
 
 @dataclass(frozen=True)
 class Paired:
-    """Mean difference of a measure, `second` minus `first` controller, over the `pairs` of runs in which both stopped.
+    """Comparison of two controllers, `first` and `second`, by a measure, over the runs in which both stopped.
 
-    `second_smaller` is the share of these runs in which the value of `second` is smaller.
+    - pairs: number of these runs.
+    - difference: mean of the value of `second` minus that of `first`.
+    - second_smaller: share of these runs in which the value of `second` is smaller.
     """
 
     first: str
@@ -181,7 +194,12 @@ class Paired:
 
 @dataclass(frozen=True)
 class PointSummary:
-    """Grid point of a campaign: its values, means by controller and measure, and shares of runs that did not stop."""
+    """Statistics of the runs with one combination of grid values.
+
+    - values: grid values by name of the quantity, SI.
+    - means: mean of each measure, by (controller, measure).
+    - not_stopped: share of the runs that did not stop, by controller.
+    """
 
     values: dict[str, float]
     means: dict[tuple[str, str], Estimate]
@@ -190,11 +208,15 @@ class PointSummary:
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """Statistics of the finished `runs` of a `campaign`.
+    """Statistics of the finished runs of a `campaign`.
 
-    They are given by controller (`controllers`), for pairs of controllers (`paired`), and by grid point (`points`).
-    `worst_by` is the measure that ranks the worst runs. `sample` is for pictures: by controller, the values of the
-    quantities and of `worst_by` in the first runs, SI; `worst_by` is NaN for a run that did not stop.
+    - runs: number of finished runs.
+    - controllers: statistics of each controller, by name.
+    - paired: comparison of every two controllers by each measure.
+    - points: statistics for each combination of grid values; empty without a grid.
+    - worst_by: name of the measure that ranks the worst runs.
+    - sample: for each controller, the values of the quantities and of this measure in the first runs, SI, which
+      pictures show. The measure is NaN for a run that did not stop.
     """
 
     campaign: Campaign
@@ -206,7 +228,7 @@ class CampaignSummary:
     sample: dict[str, Columns]
 
     def table(self) -> str:
-        """Return a table as text with a line for each controller: stopped runs, braking distance, slip, locked runs."""
+        """Return a table as text, with stopped runs, braking distance, slip and locked runs of each controller."""
         # imported when called, because `report` imports this package
         text: str = import_module("railslip_ctrl.report.campaign").campaign_table(self)
         return text
@@ -223,7 +245,7 @@ class CampaignSummary:
 
 
 def check_measure(name: str) -> None:
-    """Raise InputError, with the nearest name, for an unknown measure."""
+    """Raise InputError if `name` is not the name of a measure; the message proposes the most similar name."""
     names = [measure.name for measure in MEASURES]
     if name not in names:
         raise InputError(
@@ -232,7 +254,7 @@ def check_measure(name: str) -> None:
 
 
 class _Runs:
-    """Results of the finished parts; each column is an array of shape (runs, controllers)."""
+    """Results of all finished parts of a campaign; each column is an array of shape (runs, controllers)."""
 
     def __init__(self, store: Store) -> None:
         self._store, self._parts = store, list(store.finished())
@@ -256,12 +278,12 @@ class _Runs:
         return values
 
     def of_stopped(self, name: str) -> Floats:
-        """Return the values of a column; NaN where a run has no finite value or did not stop."""
+        """Return the values of a column; NaN where a run did not stop or has no finite value."""
         values = np.where(self.stopped, self.column(name), np.nan)
         return np.where(np.isfinite(values), values, np.nan)
 
     def rows(self, k: int, values: Floats) -> list[dict[str, Any]]:
-        """Return the rows with the highest `values` of controller number k."""
+        """Return the results of the runs of controller number k with the highest `values`, (runs,); NaN is left out."""
         order = np.argsort(-values, kind="stable")[: min(WORST, np.isfinite(values).sum())]
         rows = []
         for i in self.number[order].tolist():
@@ -274,8 +296,8 @@ class _Runs:
 def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
     """Return the statistics of the finished runs in a campaign's `store`.
 
-    `worst_by` is the name of the measure that ranks the worst runs. InputError for an unknown measure, or if no part is
-    finished.
+    `worst_by` is the name of the measure that ranks the worst runs. InputError for an unknown measure, or if the store
+    has no results yet.
     """
     check_measure(worst_by)
     runs, campaign = _Runs(store), store.campaign
@@ -318,7 +340,7 @@ def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> Campaign
 
 
 def _controllers(runs: _Runs) -> dict[str, ControllerSummary]:
-    """Return the summaries of the controllers by name; `summarise` adds the measures and the worst runs."""
+    """Return the statistics of each controller by name, without measures and worst runs, which `summarise` adds."""
     locked, summaries = np.isfinite(runs.column("first_lock_s")), {}
     for k, name in enumerate(runs.names):
         numbers = {outcome: runs.number[runs.outcome[:, k] == i] for i, outcome in enumerate(runs.outcomes)}

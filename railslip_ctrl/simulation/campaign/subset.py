@@ -1,11 +1,13 @@
 """Probability of a rare event of standard normal inputs, by subset simulation and by importance sampling.
 
-Subset simulation reaches the event in levels, each about a tenth as likely as the level before ([Au2001]). Chains of
-adaptive conditional sampling fill a level from the points beyond its threshold ([Papaioannou2015]). A pilot run chooses
-thresholds and steps. All repeats use these, so that each repeat is an unbiased estimate.
+A point is a vector of all inputs. A limit state is a function that maps points, (n, inputs), to values, (n,), which may
+be infinite. The event is a value above the `threshold`.
 
-A limit state maps points, (n, inputs), to values, (n,), which may be infinite. The event is a value above the
-`threshold`.
+Subset simulation reaches the event in levels ([Au2001]). All points of a level have values of at least its threshold.
+About a tenth of the points of one level reach the threshold of the next level. From this tenth, Markov chains produce
+the other points of the next level (adaptive conditional sampling, [Papaioannou2015]). The function `pilot` chooses the
+thresholds and the steps of the chains. All repeats use the same thresholds and steps, so that each repeat is an
+unbiased estimate.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ _FARTHEST = 1.5  # end of the search for the event's boundary, relative to a poi
 
 @by_content
 class Levels(NamedTuple):
-    """Threshold and step of the moves for each level, (n,); a step of 1 draws an independent point."""
+    """Threshold of each level, and step of its Markov chains (ratio), (n,); a step of 1 draws an independent point."""
 
     thresholds: Floats
     steps: Floats
@@ -43,10 +45,11 @@ class Repeat(NamedTuple):
     """One independent estimate by subset simulation.
 
     - thresholds: threshold of each level, (levels,).
-    - shares: share of the points that reach each level, (levels,).
-    - accepted: share of the moves in each level that stay beyond its threshold, (levels,).
-    - values: values of the first points, then of the points of each level, (levels + 1, n); -inf for an empty level.
-    - mean: mean of the points of the event, (inputs,), or of the last level if no point has the event.
+    - shares: for each level, the share of the points of the level before that reach its threshold, (levels,).
+    - accepted: share of the moves in each level that are accepted, (levels,).
+    - values: values of the first points, then of the points of each level, (levels + 1, n); -inf if no point has
+      reached the level.
+    - mean: mean of the points with the event, (inputs,), or of the points of the last level if none has the event.
     - points: a random selection of these points, (m, inputs).
     """
 
@@ -58,27 +61,28 @@ class Repeat(NamedTuple):
     points: Floats
 
     def exceeded(self, x: Floats) -> Floats:
-        """Return the probabilities of values of at least `x`, in the shape of `x`."""
+        """Return for each entry of `x`, 1-D, the estimated probability that a value is at least as large."""
         place = np.searchsorted(self.thresholds, x, side="right")
         shares = [np.mean(self.values[k] >= at) for k, at in zip(place, x, strict=True)]
         return np.asarray(np.append(1.0, np.cumprod(self.shares))[place] * shares)
 
     def probability(self, threshold: float) -> float:
-        """Return the estimated probability of values above the threshold."""
+        """Return the estimated probability that a value is above the threshold."""
         return float(self.exceeded(np.nextafter([threshold], math.inf))[0])
 
 
 @by_content
 class Sampled(NamedTuple):
-    """Estimate by importance sampling."""
+    """Probability of the event as estimated by one repeat of importance sampling."""
 
     value: Floats
 
 
 def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smallest: float, count: int) -> Levels:
-    """Find thresholds of decreasing probability, until the event or the probability `smallest` is reached.
+    """Choose thresholds and steps of levels with decreasing probability, with `count` points in each level.
 
-    The search ends early if all points have the same value.
+    The search ends when at least a tenth of the points of the last level have the event, when the probability of the
+    last level is about ten times `smallest`, or when all points have the same value.
     """
     points = rng.standard_normal((count, inputs))
     values, reached, step, thresholds, steps = limit_state(points), 1.0, 0.8, list[float](), list[float]()
@@ -98,7 +102,7 @@ def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smal
 def repeat(
     limit_state: LimitState, inputs: int, rng: Any, threshold: float, levels: Sequence[Floats], count: int
 ) -> Repeat:
-    """Make an independent estimate with fixed `levels` and `count` points in each level."""
+    """Return an independent estimate with given `levels` and `count` points in each level."""
     thresholds, steps = levels
     points = rng.standard_normal((count, inputs))
     values, shares, accepted = limit_state(points), np.zeros(len(thresholds)), np.zeros(len(thresholds))
@@ -117,10 +121,11 @@ def repeat(
 def _beyond(
     limit_state: LimitState, points: Floats, values: Floats, level: float, step: float, rng: Any, adapt: bool = False
 ) -> tuple[Floats, Floats, float, float]:
-    """Return points beyond a level, their values, the share of accepted moves, and the step s, which may `adapt`.
+    """Return points whose values reach a level, these values, the share of accepted moves, and the step s.
 
-    Chains begin at the points that reach the level. A move is z' = sqrt(1 - s^2) z + s w with w standard normal. A move
-    to a value below the level is rejected.
+    Markov chains begin at the given points that reach the level. A move is z' = sqrt(1 - s^2) z + s w, where w is
+    standard normal. A move to a value below the level is rejected. If `adapt`, the step changes with the share of
+    accepted moves.
     """
     start = rng.permutation(np.flatnonzero(values >= level))
     at, value, left = points[start], values[start], len(values) - len(start)
@@ -142,7 +147,7 @@ def _beyond(
 
 @by_content
 class Pooled(NamedTuple):
-    """Mean of independent estimates, with interval and coefficient of variation, all of one shape."""
+    """Mean of independent estimates, its confidence interval and its coefficient of variation, all of one shape."""
 
     value: Any
     low: Any
@@ -151,7 +156,10 @@ class Pooled(NamedTuple):
 
 
 def pooled(estimates: Floats) -> Pooled:
-    """Return the mean of estimates, (repeats, ...), with Cox's interval for the mean of a log-normal variable."""
+    """Return the mean of independent estimates, (repeats, ...), over the repeats.
+
+    Its interval is Cox's interval for the mean of a log-normal variable.
+    """
     from scipy.special import stdtrit
 
     count, mean = len(estimates), np.mean(estimates, axis=0)
@@ -163,10 +171,11 @@ def pooled(estimates: Floats) -> Pooled:
 
 
 def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
-    """Return the mean of the repeats' `means`, and the share of each group of inputs in its squared length.
+    """Return the mean vector over the repeats, and the share of each group of inputs in its squared length.
 
-    A group of inputs is scaled down if the repeats disagree. The squared lengths are products of different repeats, so
-    that chance does not increase them.
+    Squared lengths are estimated by products of components from different repeats; products of components of the same
+    repeat would be too large by chance. In the mean vector, a group of inputs is scaled to this estimated length if it
+    is smaller, which is the case if the repeats disagree.
     """
     count, mean = len(means), means.mean(axis=0)
     squared = ((count * mean) ** 2 - np.sum(means**2, axis=0)) / (count * (count - 1))
@@ -178,7 +187,11 @@ def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
 
 
 def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
-    """Return the first point with the event on the line from 0 through a candidate; if none, the last candidate."""
+    """Return the point with the event that is nearest to 0 in the direction of a candidate.
+
+    The candidates are tried in order, until one has the event in its direction. If none has, the last candidate is
+    returned.
+    """
     for way in candidates:
         low, high = 0.0, _FARTHEST
         for count in (30, 20):  # resolves 1/400 of the distance
@@ -193,14 +206,20 @@ def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshol
 
 
 def importance(limit_state: LimitState, inputs: int, rng: Any, threshold: float, centre: Floats, count: int) -> Sampled:
-    """Estimate the event's probability from `count` points about its design point, `centre`."""
+    """Estimate the probability of the event by importance sampling, with `count` random points about `centre`.
+
+    `centre`, (inputs,), is the design point: the most likely point with the event.
+    """
     points = centre + rng.standard_normal((count, inputs))
     weights = np.exp(0.5 * float(centre @ centre) - points @ centre)
     return Sampled(np.mean(weights * (limit_state(points) > threshold)))
 
 
 def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -> float:
-    """Return the share of pairs of points with the event that have a point without it in the middle."""
+    """Return the share of random pairs of `points` for which the point midway between them does not have the event.
+
+    All `points`, (n, inputs), have the event. A large share means that the event has several separate regions.
+    """
     first, second = points[rng.integers(len(points), size=(2, _PAIRS))]
     middle, length = first + second, 0.5 * np.linalg.norm([first, second], axis=2).sum(axis=0)
     middle *= (length / np.maximum(np.linalg.norm(middle, axis=1), 1e-300))[:, None]
@@ -208,7 +227,10 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 
 def repeated(found: Repeat) -> float:
-    """Return the largest share, over the levels, of new finite values that are repeated; 0 for a continuous outcome."""
+    """Return the share of the new points of a level whose finite value another point of this level already has.
+
+    It is that of the level in which it is largest. The share is 0 if the values are distributed continuously.
+    """
     new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
     different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
     return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))
