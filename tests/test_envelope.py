@@ -446,7 +446,7 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, file):
     assert found("--envelope", "default") == narrow
     for arguments, message in (
         (("--mass", "4000"), "--mass: "),
-        (("--certify",), "--certify: is only for operating points"),
+        (("--certify",), "--certify is only for operating points"),
         (("--slip", "0"), "--slip: 0 is not allowed with an envelope"),
     ):
         assert message in refused(railslip("margins", "--envelope", "default", *arguments))

@@ -55,7 +55,7 @@ _AXES = {
     "lag_s": "lag, s",
 }
 MS_TO_WARN = 10.0
-"""Worst Ms with tolerances above which the first page warns, a ratio; 10 % gain error may then make a loop unstable."""
+"""Worst Ms with tolerances above which the first page warns, a ratio; a 10 % gain error may then cause instability."""
 
 _RANKED = {
     "distance": f"shortest mean stop (within {100 * TIE:g} %: smallest worst Ms, then least air)",
