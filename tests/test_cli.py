@@ -110,8 +110,8 @@ SEEDS = "give a whole number from 2 to 100000"
     ("tune --ms-max 1", "--ms-max: 1 is not allowed; give a value > 1"),
     ("tune --minimise-ms", "--minimise-ms and --ki-min"),
     ("tune --structure pdf", "error: --structure: 'pdf' is not known; choose one of pi, pi-lead, pid"),
-    ("tune --ms-max 2 --lead 0.6", "error: --lead: does not go with structure 'pi'"),
-    ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter: does not go with structure 'pi'"),
+    ("tune --ms-max 2 --lead 0.6", "error: --lead has no effect with structure 'pi'"),
+    ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter has no effect with structure 'pi'"),
     ("report --no-html --controller own.py", "the result of linear is invalid"),
     ("report --no-html --out .", "--out: the working folder"),
     ("verify --law paper --adhesion law.toml", "--adhesion: dahl as given is not allowed with the law 'paper'"),
@@ -151,7 +151,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --adaptive --controller pi-lead", "choose 'asmc'"),
     ("simulate --seed -1", "--seed: '-1' is not allowed; give a whole number"),
     ("simulate --seed no.npz", "no.npz: no such file"),
-    ("simulate --seed empty.npz", "empty.npz: has no random numbers of a run"),
+    ("simulate --seed empty.npz", "empty.npz has no random numbers of a run"),
     ("simulate --initial-speed 5", "--initial-speed: 5 km/h is outside 30 to 140 km/h"),
     ("simulate --speed 5", "--speed: 5 km/h is not allowed; give a value > 5 km/h, at which the run ends"),
     ("simulate --step 3", "error: --step: 3 s is not allowed; give a value <= 1 s"),
@@ -284,7 +284,7 @@ def test_a_law_without_closed_form_says_so(derived):
     assert derivation_json(derivation, (), code, numbers)["law"]["numbers"]["dry"]["latex"] is None
     for text in told(derivation, code, numbers):
         assert "Ta is evaluated from these numbers outside the control law" in text
-    with pytest.raises(InputError, match=r"'beam' .*'burckhardt'"):
+    with pytest.raises(InputError, match=r"'burckhardt', not 'beam'"):
         law_numbers(derived[0], published_law("beam", Rail.DRY))
 
 

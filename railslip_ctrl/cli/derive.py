@@ -76,7 +76,7 @@ def command(
     Example: railslip derive --adhesion bristle --format latex --out derivation.tex
     """
     if as_json and form is not None:
-        raise InputError(f"--format: {form!r} does not go with --json; give one of the two")
+        raise InputError(f"--format: {form!r} has no effect with --json; give only one of the two")
     chosen_form = "json" if as_json else _choice("--format", form or "text", _FORMATS)
     if out is not None:
         _check_out(out, chosen_form)  # before the computation starts

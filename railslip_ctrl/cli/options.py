@@ -158,7 +158,7 @@ class CaseOptions:
         """
         if self.masses:
             raise InputError(
-                "--mass: does not go with an envelope, whose loads need both mass and wheel load; give --loaded, or "
+                "--mass has no effect with an envelope, whose loads need both mass and wheel load; give --loaded, or "
                 "both values in the vehicle's file"
             )
         _ = self.chosen_vehicle  # prints the assumptions about the vehicle

@@ -109,7 +109,7 @@ def find_columns(
         quantity = [*missing, "wheel_speed"][0]
         names = " or ".join(repr(name) for name in NAMES[quantity][:2])
         raise InputError(
-            f"header: no column for {quantity}; name its column {names}, or give `columns` {quantity}=HEADER "
+            f"header: no column for {quantity}; call a column {names}, or give `columns` {quantity}=HEADER "
             f"(the header has {_cells(header)})"
         )
     return by_quantity
@@ -129,7 +129,7 @@ def _given_index(header: Sequence[str], quantity: str, wanted: str) -> int:
         return int(wanted) - 1
     if len(at) != 1:
         count = f"`columns` {quantity}: {len(at) or 'no'} {'columns are' if at else 'column is'} called {shown(wanted)}"
-        remedy = f"give the position, {_positions(at)}; " if at else close_match(wanted, header)
+        remedy = f"give the position of the column, {_positions(at)}; " if at else close_match(wanted, header)
         raise InputError(f"{count}; {remedy}the header has {_cells(header)}")
     return at[0]
 
@@ -143,7 +143,7 @@ def _known_index(header: Sequence[str], quantity: str) -> int | None:
 
 
 def _ambiguous(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    remedy = f"choose with `columns` {quantity}=HEADER, or give the position, {_positions(at)}"
+    remedy = f"choose with `columns` {quantity}=HEADER, or give the position of the column, {_positions(at)}"
     return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {remedy}")
 
 
@@ -384,7 +384,7 @@ class LogFile:
             beginning = self._guarded(self._file.peek, 8)
             for magic, description in _OTHER_FORMATS.items():
                 if beginning.startswith(magic):
-                    raise InputError(f"{self.name}: is {description}; give a CSV file, gzipped or not")
+                    raise InputError(f"{self.name} is {description}; give a CSV file, gzipped or not")
         except InputError:
             self._raw.close()
             raise
@@ -400,7 +400,7 @@ class LogFile:
         except (OSError, ValueError) as error:  # ValueError: a null character in the path
             raise self._unreadable(error) from None
         reason = "is a directory" if stat.S_ISDIR(mode) else "is not a regular file"
-        raise InputError(f"{self.name}: {reason}; give a CSV file, or - for standard input")
+        raise InputError(f"{self.name} {reason}; give a CSV file, or - for standard input")
 
     def read(self, count: int) -> bytes:
         """Read `count` bytes, or fewer at the end of the file."""
@@ -438,7 +438,7 @@ class LogFile:
         return b""
 
     def _unreadable(self, error: Exception) -> InputError:
-        return InputError(f"{self.name}: cannot be read ({getattr(error, 'strerror', None) or error})")
+        return InputError(f"{self.name} cannot be read ({getattr(error, 'strerror', None) or error})")
 
 
 # --- the rows ------------------------------------------------------------------------------------------------------
