@@ -214,8 +214,8 @@ WRONG_YAML = {
     "a: !!python/name:os.system x": "not valid YAML: could not determine a constructor for the tag",
     "a: &x [1]\nb: [*x, *x]\n": "aliases ('*x') are not read; ",
     "vehicles: [{id: 0x" + "f" * 5000 + "}, {}]": (
-        "the file contains 2 vehicles; write a TOML vehicle file with rolling_stock = this file and vehicle_id = one of "
-        "an integer of 20000 bits, None"
+        "the file contains 2 vehicles; write a TOML vehicle file with rolling_stock = this file and vehicle_id = one "
+        "of an integer of 20000 bits, None"
     ),
     "[" * 100_000: "the file is nested more than 20 levels deep; give a railtoolkit file",
     f"vehicles: {'[' * 19}{']' * 19}": NO_LIST,

@@ -310,8 +310,8 @@ def _choose(vehicles: list[dict[Any, Any]], vehicle_id: str | None, where: str) 
     if vehicle_id is None:
         if len(vehicles) > 1:
             raise InputError(
-                f"{where}: the file contains {len(vehicles)} vehicles; write a TOML vehicle file with rolling_stock = this file "
-                f"and vehicle_id = one of {listed}"
+                f"{where}: the file contains {len(vehicles)} vehicles; write a TOML vehicle file with rolling_stock = "
+                f"this file and vehicle_id = one of {listed}"
             )
         return vehicles[0]
     matches = [one for one, its_id in zip(vehicles, ids, strict=True) if its_id == vehicle_id]
