@@ -88,7 +88,7 @@ def test_poles_without_dead_time_of_a_loop_that_passes_all_frequencies(gain):
 
 def test_poles_that_the_root_count_contradicts_are_not_returned(monkeypatch):
     monkeypatch.setattr(stability, "count_right_of", lambda *_: SimpleNamespace(marginal=False, right=7.0))
-    with pytest.raises(stability.SpectrumError, match=r"root count .* rightmost"):
+    with pytest.raises(stability.SpectrumError, match=r"root count"):
         DeadTimeLoop(1 / S, 1.0).closed_loop_poles(2)
 
 

@@ -298,8 +298,8 @@ def step_alone(controller: Any) -> InputError:
     where = place_of(getattr(controller, "step", controller))
     remedy = "give an object with step and with" if is_function(controller) else "add"
     return InputError(
-        f"controller: {where}{_name(controller)} has no margins, because its linear system is not known; {remedy} a method "
-        "linear(operating_point) that returns a python-control system"
+        f"controller: {where}{_name(controller)} has no margins, because its linear system is not known; {remedy} a "
+        "method linear(operating_point) that returns a python-control system"
     )
 
 

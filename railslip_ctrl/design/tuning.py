@@ -151,7 +151,7 @@ def _systems(plants: Any, compensator: Any) -> list[Rational]:
     systems = [extra * Rational.from_control(plant, "plants") for plant in members]
     if not all(system.gain for system in systems):
         raise InputError(
-            "plants: a plant in series with the compensator has gain 0; give plants and a compensator with other gains"
+            "plants: a plant in series with the compensator has gain 0; give plants and compensator with nonzero gains"
         )
     return systems
 

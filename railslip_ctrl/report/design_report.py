@@ -343,7 +343,7 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
 
 
 def _over_attainable(trial: Trial) -> str:
-    """Text that says by how many percent the nominal stops, added up, are longer than the attainable stops."""
+    """Text that says by how many percent the nominal stops, added up, are longer than the known attainable stops."""
     known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
     if not known or any(not run.stopped for stop in known for run in stop.runs):
         return ""
@@ -365,7 +365,7 @@ def _distance(stop: Stop) -> str:
 
 
 def _over(stop: Stop) -> str:
-    """Text that says by how many percent a stop is longer than the attainable stop, or than the bound without one."""
+    """Text that says by how many percent a stop is longer than the attainable stop; than the bound if it is unknown."""
     if stop.bound is None or math.isnan(stop.over_bound):
         return ""
     if stop.attainable is None or math.isinf(stop.attainable.braking_distance):

@@ -93,7 +93,7 @@ def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **f
         if function.__name__ not in known:
             name = function.__name__
             raise InputError(
-                f"adhesion: the function {name} has no interval arithmetic here; give a law without {name}"
+                f"adhesion: the function {name} cannot be bounded over intervals; give a law without {name}"
             )
     made: Callable[..., Any] = sp.lambdify(list(arguments), exact, modules=[known], cse=True)
     return made
