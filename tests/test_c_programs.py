@@ -288,7 +288,7 @@ def test_a_bad_sample_leaves_no_trace_in_slide_protection_without_its_guard():
 
 
 def test_without_an_adhesion_law_or_with_a_step_alone_there_is_no_program():
-    with pytest.raises(InputError, match="controller asmc: it has no adhesion law to assume; give"):
+    with pytest.raises(InputError, match=r"controller asmc: the adhesion law .* is missing"):
         c_program(controller_named("asmc", PARK2008), PARK2008)
     with pytest.raises(InputError, match="Python object or function with a step"):
         save_c(lambda t, v, omega: 0.0, "x.c")
@@ -591,9 +591,10 @@ def test_a_kind_that_remembers_nothing_is_its_step_alone(tmp_path):
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [
-    ('    kind = "own"\n', "", "own.py: CONTROLLER: Own has no kind; give it .*kind, title and source"),
-    ('    source = "a test"\n', "", "Own has no source"), ("    @staticmethod\n", "", "write @staticmethod above it"),
-    ("def step(", "def stepp(", "Own has no step; give it step\\(state, measurement, parameters\\)"),
+    ('    kind = "own"\n', "", "own.py: CONTROLLER: class Own has no attribute kind; .*title and source"),
+    ('    source = "a test"\n', "", "Own has no attribute source"),
+    ("    @staticmethod\n", "", "write @staticmethod above it"),
+    ("def step(", "def stepp(", "Own has no step; .* step\\(state, measurement, parameters\\)"),
 ])  # fmt: skip
 def test_a_class_that_is_no_kind_is_told_what_it_lacks(old, new, words, tmp_path):
     (tmp_path / "own.py").write_text(KIND.replace(old, new))

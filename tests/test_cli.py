@@ -80,7 +80,7 @@ SEEDS = "give a whole number from 2 to 100000"
 @pytest.mark.parametrize(("words", "told"), [
     ("margins --mass -3", "--mass: -3 kg is not allowed; give a value > 0 kg"),
     ("margins --slip 1", "--slip: 1 is not allowed; give a value < 1"),
-    ("margins --slip 0", "--slip: 0"),
+    ("margins --slip 0", "at slip 0 "),
     ("margins --speed 1e9", "--speed: the reference slip 0.132 at 1e+09 km/h is outside the domain"),
     ("margins --speed 1e9 --slip 0.1", "--slip: 0.1 at 1e+09 km/h is outside the domain"),
     ("margins --speed 1e9 --envelope default", "--speed: 1e+09 is not allowed; give finite values > 0 and <= 1000"),
@@ -92,8 +92,8 @@ SEEDS = "give a whole number from 2 to 100000"
     ("margins --controller asmc", "error: --controller: asmc has no margins: it switches with the sign of s, and"),
     ("margins --controller nope", "--controller: 'nope' is "),
     (f"{SAMPLED} --certify", "--certify: the loop of a discrete controller has no"),
-    (f"{SAMPLED} --lead 0.6", "--lead: does not go with --controller"),
-    (f"{SAMPLED} --kp 1 --ki 1", "--kp: does not go with a controller from a file"),
+    (f"{SAMPLED} --lead 0.6", "--lead has no effect with --controller"),
+    (f"{SAMPLED} --kp 1 --ki 1", "--kp has no effect with a controller from a file"),
     ("margins --kp nan --ki 5", "--kp: nan is not allowed; give a finite number"),
     ("margins --kp '65 N*m' --ki 5", "--kp: '65 N*m' has the wrong dimension"),
     ("margins --kp 190", "--ki: missing, but --kp is given; give both"),
@@ -106,12 +106,12 @@ SEEDS = "give a whole number from 2 to 100000"
     ("margins --nonsense", "--nonsense"),
     ("margin", "'margin'; did you mean 'margins'?"),
     ("xyzzy", "'xyzzy'; choose one of report, "),
-    ("tune", "--ms-max: is missing"),
+    ("tune", "--ms-max is missing"),
     ("tune --ms-max 1", "--ms-max: 1 is not allowed; give a value > 1"),
-    ("tune --minimise-ms", "--minimise-ms and --ki-min: go together"),
+    ("tune --minimise-ms", "--minimise-ms and --ki-min"),
     ("tune --structure pdf", "error: --structure: 'pdf' is not known; choose one of pi, pi-lead, pid"),
-    ("tune --ms-max 2 --lead 0.6", "error: --lead: does not go with structure 'pi'"),
-    ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter: does not go with structure 'pi'"),
+    ("tune --ms-max 2 --lead 0.6", "error: --lead has no effect with structure 'pi'"),
+    ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter has no effect with structure 'pi'"),
     ("report --no-html --controller own.py", "the result of linear is invalid"),
     ("report --no-html --out .", "--out: the working folder"),
     ("verify --law paper --adhesion law.toml", "--adhesion: dahl as given is not allowed with the law 'paper'"),
@@ -128,11 +128,11 @@ SEEDS = "give a whole number from 2 to 100000"
     ("derive --reference falling", "--reference: 'falling' is not known"),
     ("derive --adhesion glue", "--adhesion: 'glue' is not a law"),
     ("derive --adhesion law.py", "--adhesion: law.py: "),
-    ("derive --law predictive --adhesion beam", "--adhesion: is only for --law published"),
+    ("derive --law predictive --adhesion beam", "--adhesion is only for --law published"),
     ("derive --law predictive --reference constant", "--reference: 'constant' is only for --law published"),
     ("derive --out .", "--out: '.' is a folder"),
     ("derive --format c --json", "--format: 'c' "),
-    *((f"derive {law} --initial-speed 60", "--initial-speed: ") for law in ("", "--adhesion beam")),
+    *((f"derive {law} --initial-speed 60", "--initial-speed is only for") for law in ("", "--adhesion beam")),
     *((f"reproduce --seeds={seeds}", SEEDS) for seeds in ("1", "many", "100001", "9" * 30)),
     ("identify log.csv --model beem", "--model: 'beem' cannot be fitted; did you mean 'beam'"),
     ("identify log.csv --observer luenberger", "--observer: 'luenberger' is not known; choose corrected, printed, kal"),
@@ -151,7 +151,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --adaptive --controller pi-lead", "choose 'asmc'"),
     ("simulate --seed -1", "--seed: '-1' is not allowed; give a whole number"),
     ("simulate --seed no.npz", "no.npz: no such file"),
-    ("simulate --seed empty.npz", "empty.npz: has no random numbers of a run"),
+    ("simulate --seed empty.npz", "empty.npz has no random numbers of a run"),
     ("simulate --initial-speed 5", "--initial-speed: 5 km/h is outside 30 to 140 km/h"),
     ("simulate --speed 5", "--speed: 5 km/h is not allowed; give a value > 5 km/h, at which the run ends"),
     ("simulate --step 3", "error: --step: 3 s is not allowed; give a value <= 1 s"),
@@ -161,12 +161,12 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --csv .", "--csv: '.' is a folder; give a file name"),
     *((f"simulate --controller own.toml {x}", GIVEN) for x in ("--gains beam", "--kp 1", "--slip 0.1", "--adaptive")),
     ("simulate --controller own.toml --period 0.1", GIVEN),
-    ("simulate --scenario mine.toml --initial-speed 80", "error: --initial-speed: "),
+    ("simulate --scenario mine.toml --initial-speed 80", "error: --initial-speed "),
     # the scenario's own initial speed is what a published law cannot have
     ("simulate --scenario mine.toml --adhesion curve", "--scenario: the run begins at 180 km/h, outside 30 to 140"),
-    ("margins --kp 1 --ki 1 --kp 2", "--kp: is given 2 times; give it once"),
-    ("simulate --seed 1 --seed=1", "--seed: is given 2 times; give it once"),
-    ("report --html --no-html", "--html: is given 2 times; give it once"),
+    ("margins --kp 1 --ki 1 --kp 2", "--kp is given 2 times; give it once"),
+    ("simulate --seed 1 --seed=1", "--seed is given 2 times; give it once"),
+    ("report --html --no-html", "--html is given 2 times; give it once"),
     *((TWICE.format(x), f"{x}: train_speed is given twice") for x in ("--delay", "--zero", "--column", "--unit")),
 ])  # fmt: skip
 def test_bad_input_is_one_clear_line_and_exit_2(railslip, file, words, told):
@@ -284,7 +284,7 @@ def test_a_law_without_closed_form_says_so(derived):
     assert derivation_json(derivation, (), code, numbers)["law"]["numbers"]["dry"]["latex"] is None
     for text in told(derivation, code, numbers):
         assert "Ta is evaluated from these numbers outside the control law" in text
-    with pytest.raises(InputError, match=r"'beam' .*'burckhardt'"):
+    with pytest.raises(InputError, match=r"'burckhardt', not 'beam'"):
         law_numbers(derived[0], published_law("beam", Rail.DRY))
 
 

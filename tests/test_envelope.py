@@ -108,7 +108,7 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(file):
 
 
 @pytest.mark.parametrize(("text", "match"), [
-    ("[envelope]\nspeeds = []", "envelope: speeds: is empty"),
+    ("[envelope]\nspeeds = []", "envelope: speeds: the list is empty"),
     ('[envelope]\nspeeds = ["3 kg"]', "speeds: '3 kg' has the wrong dimension"),
     ("[envelope]\nspeeds = {a = 1}", "envelope: speeds: .* is not allowed; give a list"),
     ("[envelope]\nlag = [-1]", "envelope: lag: -1 is not allowed"),
@@ -415,7 +415,7 @@ def test_where_nothing_holds_there_is_no_best_and_without_lag_no_lead():
     found = select(ONE_LAW.at(vehicle=late, speeds=(20.0,), laws="bristle"))
     assert found.best is None
     assert {c.structure for c in found.choices} == {"pi"}
-    assert "no gains found" in str(found)
+    assert "no gains" in str(found)
 
 
 COACH_FILE = """
@@ -445,8 +445,8 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, file):
     file("coach.toml", f"{COACH_FILE}[envelope]\n{axes}")  # of the vehicle's own file
     assert found("--envelope", "default") == narrow
     for arguments, message in (
-        (("--mass", "4000"), "--mass: "),
-        (("--certify",), "--certify: is only for operating points"),
+        (("--mass", "4000"), "--mass has no effect with an envelope"),
+        (("--certify",), "--certify is only for operating points"),
         (("--slip", "0"), "--slip: 0 is not allowed with an envelope"),
     ):
         assert message in refused(railslip("margins", "--envelope", "default", *arguments))

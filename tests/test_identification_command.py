@@ -82,7 +82,7 @@ def test_nothing_is_written_by_halves_nor_over_a_log(railslip, log, tmp_path):
     copy.write_bytes(before)
     for arguments, told in (
         ((broken, "--model", "beam", "--observed", none), "rows are under brake"),
-        ((log, log, "--observed", none), "--observed: is only for one log, but there are 2"),
+        ((log, log, "--observed", none), "--observed is only for one log, but there are 2"),
         ((log, log), "is given twice"),
         ((log, copy), "copy.csv is a copy of "),
         (("-", "-"), "standard input can be read once"),

@@ -66,7 +66,7 @@ RECORDS: list[tuple[Callable[[], object], str]] = [
     (lambda: law_class("table")(slip=(0.1, 0.2), mu=(0.1, "0.2")), "LookupTable: mu: '0.2' is text; give the number"),
     (lambda: Vehicle(**VEHICLE | {"wheel": {"radius": -1.0, "inertia": 60.0}}), "Vehicle: wheel.radius: -1 is not a"),
     (lambda: Vehicle(**VEHICLE | {"mass_loaded": 3e3}), "Vehicle: mass_loaded: 3000 is not allowed; give a value >= m"),
-    (lambda: setattr(PARK2008, "mass", 1.0), "Vehicle: mass: cannot be set; "),
+    (lambda: setattr(PARK2008, "mass", 1.0), "Vehicle: mass cannot be set; "),
     (lambda: PARK2008.model_copy(update={"mas": 4000.0}), "Vehicle: mas: unknown key; did you mean 'mass'? allowed: "),
     (lambda: changed(published_controller("pi"), name=2), "PI: name: 2 is not allowed; give text"),
     (lambda: Rail.of(Thing()), "rail: <a thing> is not a rail condition; choose dry or wet"),

@@ -162,9 +162,9 @@ def test_paths_that_are_no_files(tmp_path, monkeypatch):
     for path, message in (
         (tmp_path / "nothing.csv", "no such file"),
         (tmp_path, "is a directory"),
-        (tmp_path / "pipe", "pipe: is not a regular file; give a CSV file, or - for standard input"),
+        (tmp_path / "pipe", "pipe is not a regular file; give a CSV file, or - for standard input"),
         (Path("-"), "standard input is closed; give a CSV file"),
-        (Path("/proc/self/mem"), r"/proc/self/mem: cannot be read \(Input/output error\)"),
+        (Path("/proc/self/mem"), r"/proc/self/mem cannot be read \(Input/output error\)"),
     ):
         with pytest.raises(InputError, match=message):
             Log(path)
@@ -275,7 +275,7 @@ TWO = ["time", "v", "omega", "omega", "Tb"]
 
 
 @pytest.mark.parametrize(("header", "columns", "units", "message"), [
-    (["time", "v", "vw"], {}, {}, "no column for brake_torque; name its column 'brake torque'"),
+    (["time", "v", "vw"], {}, {}, "no column for brake_torque; call a column 'brake torque'"),
     (["time", "v", "Tb"], {}, {}, "no column for wheel_speed"),
     (["time", "v", "speed", "vw", "Tb"], {}, {}, "train_speed may be any of 'v', 'speed'"),
     (list(WHOLE.values()), {"train_speed": "velocity"}, {}, "train_speed: no column is called 'velocity'"),
@@ -584,7 +584,7 @@ def test_columns_are_brought_to_the_wheel_s_time_and_zero_however_a_log_is_cut(c
     ("--delay", "brake_torque=3", "--delay brake_torque: 3 s is not allowed; give -2 to 2 (s)"),
     ("--skip-lines", "2", "log.csv: empty, or no header from line 3 on; give a CSV"),
     ("--skip-lines", "-1", "--skip-lines: '-1' is not allowed; give a whole number from 0"),
-    ("--zero", "wheel_load=10", "log.csv: no column wheel_load to correct; "),
+    ("--zero", "wheel_load=10", "log.csv: no column wheel_load, which --zero should correct; "),
 ])  # fmt: skip
 def test_corrections_that_cannot_be_are_refused(tmp_path, railslip, option, value, text):
     (tmp_path / "log.csv").write_text("time [s],v [m/s],omega [rad/s],torque [N*m]\n0,30,69,0\n")

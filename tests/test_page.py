@@ -290,7 +290,7 @@ def test_a_controller_and_a_law_of_the_user_s_own(tmp_path):
         assert client.ask("envelope", design=DESIGN)[0]["verdict"] in ("robust", "fragile")
         assert "torque_max = 7000.0" in client.ask("file", design=DESIGN, name="controller.toml")[0]["text"]
         told = json.dumps({"design": DESIGN, "name": "design.py"}).encode()
-        client.refused(422, "adhesion law; save controller.toml", path="file", body=told)
+        client.refused(422, "save controller.toml", path="file", body=told)
 
 
 # --- who may ask ------------------------------------------------------------------------------------------------------
@@ -336,12 +336,12 @@ def test_the_page_loads_nothing_from_elsewhere(page):
         (b"[]", 422, "turn"),
         (b'{"turn": -1}', 422, "turn"),
         (b'{"turn": true}', 422, "turn"),
-        (b"{}", 422, "design: give kind"),
-        (b'{"design": {"kind": 1, "values": {}}}', 422, "design: give kind"),
+        (b"{}", 422, "give kind"),
+        (b'{"design": {"kind": 1, "values": {}}}', 422, "give kind"),
         (b'{"design": {"kind": "pi", "values": {"kp": "1"}}}', 422, "kp: '1' is not allowed"),
         (b'{"design": {"kind": "pi", "values": {"kp": NaN}}}', 422, "kp: nan is not allowed"),
         (b'{"design": {"kind": "pi", "values": {"kp": 1e999}}}', 422, "kp: inf is not allowed"),
-        (b'{"design": {"kind": "pi", "values": {"kp": 1e300}}}', 422, r"kp: 1e\+300 .* between 1e-12 and 1e\+12"),
+        (b'{"design": {"kind": "pi", "values": {"kp": 1e300}}}', 422, r"kp: 1e\+300 .* 1e-12 to 1e\+12"),
         (b'{"design": {"kind": "pi", "values": {"kp": ' + b"9" * 400 + b"}}}", 422, "at most 308 digits"),
         (b'{"design": {"kind": "pi", "values": {"kp": true}}}', 422, "kp: True is not allowed"),
         (b'{"design": {"kind": "pi", "values": {"nonsense": 1}}}', 422, "nonsense: unknown key"),

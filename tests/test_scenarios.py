@@ -156,7 +156,7 @@ BOTH_KINDS = 'events = [{time = 20.0, rail = "dry", adhesion_factor = 1.0}, {dis
     ('adhesion = "curve"\ninitial_speed = 20.0', "vehicle: missing"),
     (f"{NO_LAG}[limits]\nrate = 100.0", "give lag > 0"),
     (f"{NO_LAG}[limits]\ndump_lag = 0.2", "give lag > 0"),
-    (BOTH_KINDS, "give rail and adhesion_factor in each"),
+    (BOTH_KINDS, "rail and adhesion_factor in each"),
 ])  # fmt: skip
 def test_scenario_files_are_refused_in_one_line(toml, text, words):
     alone = text.startswith(("extends", 'vehicle = "park', 'adhesion = "curve"'))
@@ -305,9 +305,9 @@ TF, SS = 'kind = "transfer-function"', 'kind = "state-space"'
     (f"{TF}\nnum = [1.0]", "den: missing"),
     (f"{TF}\nnum = [1.0, 0.0]\nden = [1.0]", "not proper"),
     (f"{TF}\nnum = [1.0]\nden = [0.001, 1.0]", "pole of 1000 1/s; give a value <= 0.002"),
-    (f"{TF}\nnum = []\nden = [1.0]", "num: is empty"),
+    (f"{TF}\nnum = []\nden = [1.0]", "num: the list is empty"),
     (f"{SS}\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]", "do not fit"),
-    (f"{SS}\nA = [[0.0, 1.0], [2.0]]\nB = [1.0, 2.0]\nC = [1.0, 2.0]", "A: has rows of 1 and of 2 numbers"),
+    (f"{SS}\nA = [[0.0, 1.0], [2.0]]\nB = [1.0, 2.0]\nC = [1.0, 2.0]", "A: some rows have 1 numbers, others 2"),
     (f"{SS}\nA = [0.0, 1.0]\nB = [1.0, 2.0]\nC = [1.0, 1.0]", "mine.toml: A: "),
     (f"{SS}\nA = [[0.0]]\nB = [[1.0, 2.0]]\nC = 1.0", "mine.toml: B: "),
     (f"{SS}\nA = [[0.0]]\nB = 1.0\nC = [[1.0], [2.0]]", "mine.toml: C: "),

@@ -185,7 +185,7 @@ def test_a_run_has_its_own_copy_or_begins_by_a_reset_and_an_interruption_interru
     first, second = (simulate(briefly, Held(), seed=None).signals.torque for _ in range(2))
     assert first.tolist() == second.tolist()
     Counting.__deepcopy__ = Held.__deepcopy__
-    with pytest.raises(InputError, match=r"has no reset and cannot be copied for a run \(one line to the valve\)"):
+    with pytest.raises(InputError, match=r"cannot be copied for a run \(one line to the valve\).*reset\(t, v, omega\)"):
         simulate(SCENARIO, one)
 
 
@@ -231,12 +231,12 @@ def step(t, v, omega):
 
 CONTROLLER = {}
 """
-ALONE = "has no margins, because it only has a step"
+ALONE = "has no margins, because its linear system is not known"
 
 
 @pytest.mark.parametrize(("controller", "margins", "run"), [
-    ("Timed()", f"mine.py, line 6: Timed {ALONE}; give it a method linear", None),
-    ("step", f"mine.py, line 26: step {ALONE}; give an object that has step and a", None),
+    ("Timed()", f"mine.py, line 6: Timed {ALONE}; add a method linear", None),
+    ("step", f"mine.py, line 26: step {ALONE}; give an object with step", None),
     ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
     ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear has only linear(operating_point)"),
     ("Linear(lambda s, p: s)", "mine.py, line 12: linear returns Linear, ", None),

@@ -301,16 +301,16 @@ def test_bounds_are_searched_to_their_corners(plants, dead_times, asked, found_b
 
 
 @pytest.mark.parametrize(("plants", "dead_time", "asked", "match"), [
-    (twelve_points(), 0.15, {"ms_max": 2.0}, r"Ms <= 2 .*least worst Ms 4\.69.*add a lead"),
+    (twelve_points(), 0.15, {"ms_max": 2.0}, r"Ms <= 2 .*Ms is 4\.69.*add a lead"),
     (1 / (S - 5), 2.4, {"ms_max": 3.0}, "no PI stabilises"),
     (twelve_points()[4], 0.15, {"minimise_ms": True, "ki_min": 1e6}, r"1e\+06 .*69\.2"),
     (FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"worst Ms is 1\.366"),
-    (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin 12\.\d+ deg"),
+    (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin is 12\.\d+ deg"),
     # 1/(s - 1) with 0.95 s under P control: atan(w) - 0.95 w, at most at w^2 = 1/0.95 - 1
-    (1 / (S - 1), 0.95, {"phase_min_deg": 20}, r"largest phase margin 0\.4336 deg"),
+    (1 / (S - 1), 0.95, {"phase_min_deg": 20}, r"largest phase margin is 0\.4336 deg"),
     # under P control the crossover may tend to 0, where the phase leaves 1/0.5 s less the dead time
     pytest.param(1 / (S - 0.5), 0.1, {"ms_max": 1.6, "delay_min_s": 1.5},
-        r"Ms 1\.107, largest delay margin 1\.899 s", marks=pytest.mark.long),
+        r"Ms is 1\.107, .*delay margin is 1\.899 s", marks=pytest.mark.long),
     (1 / S, 0.0, {"ms_max": 2.0}, "no largest value"),
     (SLOW_AND_FAST, 2.4, ICY, r"icy: no kp.*no PI can: add a lead"),
     (SLOW_AND_FAST, 2.4, ICY | {"compensator": LEAD}, r"behind the compensator.*icy: no kp((?!add a lead).)*$"),
@@ -325,7 +325,7 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
     (lambda: tune_pi(1 / S, 0.1, ms_max=2.0, crossover=(2.0, 1.0)), "crossover"),
     (lambda: tune_pi(1 / S, 0.1), "nothing bounds ki"),
     (lambda: tune_pi(1 / S, 0.1, minimise_ms=True), "ki_min: None is not allowed with"),
-    (lambda: tune_pi(1 / S, 0.1, ms_max=2.0, ki_min=1.0), "goes with minimise_ms"),
+    (lambda: tune_pi(1 / S, 0.1, ms_max=2.0, ki_min=1.0), "ki_min is used only with minimise_ms"),
     (lambda: tune_pi(SLOW_AND_FAST, 0.1, ms_max=3.0, names=("dry",)), "names: 1 for 2 plants"),
     (lambda: tune_pi([], 0.1, ms_max=2.0), "none is given"),
     (lambda: tune_pi(SLOW_AND_FAST, [0.1, 0.2, 0.3], ms_max=2.0), "3 values for 2 plants"),
@@ -335,7 +335,7 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
     (lambda: pi_for_crossover(1 / (S - 5), 2.4, 1.0, 90.0), r"does not stabilise the plant \(2 unstable poles\)"),
     (lambda: pi_for_crossover(MODE, 0.06, 3.0, 75.0), r"another gain crossover .*71\.9"),
     (lambda: rs.tune(rs.Envelope(), "pdf"), "choose one of pi, pi-lead, pid, predictive, seeking"),
-    (lambda: tuned_at_100(PI, lead=0.6), "does not go with"),
+    (lambda: tuned_at_100(PI, lead=0.6), "lead has no effect with"),
     (lambda: tuned_at_100(PID, lead=0.6), "lead: structure .pid."),
     (lambda: rules.simc_pi(lags(1.0), 0.0), "give closed_loop_time"),
     (lambda: rules.simc_pi(lags(1.0), -0.1), "dead time"),

@@ -180,7 +180,7 @@ def test_a_vehicle_is_chosen_by_its_id(file: Any, tmp_path: Path) -> None:
     vehicle = load_vehicle(file('rolling_stock = "stock.yaml"\nvehicle_id = "B2"\n'))
     assert (vehicle.name, vehicle.mass) == ("second", 15_000.0)
     for text, message in (
-        ("", r"contains 2 vehicles; .*vehicle_id.*'A1', 'B2'"),
+        ("", r"the file contains 2 vehicles; .*vehicle_id.*'A1', 'B2'"),
         ('vehicle_id = "B2x"\n', r"vehicle_id: no vehicle 'B2x'; did you mean 'B2'\? .*'A1', 'B2'"),
     ):
         found = _message(file('rolling_stock = "stock.yaml"\n' + text))
@@ -214,10 +214,10 @@ WRONG_YAML = {
     "a: !!python/name:os.system x": "not valid YAML: could not determine a constructor for the tag",
     "a: &x [1]\nb: [*x, *x]\n": "aliases ('*x') are not read; ",
     "vehicles: [{id: 0x" + "f" * 5000 + "}, {}]": (
-        "contains 2 vehicles; write a TOML vehicle file with rolling_stock = this file and vehicle_id = one of "
-        "an integer of 20000 bits, None"
+        "the file contains 2 vehicles; write a TOML vehicle file with rolling_stock = this file and vehicle_id = one "
+        "of an integer of 20000 bits, None"
     ),
-    "[" * 100_000: "is nested more than 20 levels deep; give a railtoolkit file",
+    "[" * 100_000: "the file is nested more than 20 levels deep; give a railtoolkit file",
     f"vehicles: {'[' * 19}{']' * 19}": NO_LIST,
 }
 
@@ -229,7 +229,7 @@ WRONG_KEYS = {
     "mass_loaded = 9": "mass_loaded: 9 is not allowed; give a value >= mass = 10 (kg)",
     "wheel.radios = 1": "wheel.radios: unknown key; did you mean 'radius'? allowed: radius, inertia, viscous_friction",
     "wheel = 3": "wheel: 3 is not allowed; give a table of keys",
-    "axles = 4": "axles: used only with rolling_stock; remove it",
+    "axles = 4": "axles is used only with rolling_stock; remove axles",
 }
 WRONG_TOML = {
     **{f"mass = 10\n{line}": told for line, told in WRONG_KEYS.items()},
@@ -242,7 +242,7 @@ WRONG_TOML = {
     "mass = -1\nmasses = 3": "masses: unknown key; did you mean 'mass'?",  # told first, as it may be why
     "mass = 1\nmass ==": "not valid TOML: Invalid value (at line 2, column 7)",
     "mass = " + "9" * 5000: "not valid TOML: Exceeds the limit",
-    "mass = " + "[" * 100_000: "is nested too deeply; give plain tables of keys",
+    "mass = " + "[" * 100_000: "the file is nested too deeply; give plain tables of keys",
     " \n": "the file is empty; give at least one key",
     "rolling_stock = 'none.yaml'": "rolling_stock: none.yaml: no such file; check the path",
 }
@@ -262,20 +262,20 @@ def test_a_file_that_is_none(tmp_path: Path, suffix: str, monkeypatch: pytest.Mo
     path = tmp_path / f"v{suffix}"
     assert _message(path) == f"{path.name}: no such file; check the path"
     (tmp_path / f"d{suffix}").mkdir()
-    assert _message(tmp_path / f"d{suffix}") == f"d{suffix}: is a directory; give a file"
+    assert _message(tmp_path / f"d{suffix}") == f"d{suffix} is a directory; give a file"
     path.write_bytes(b"ab\xff\xfe\x00")
     assert _message(path) == f"{path.name}: byte 3 is not UTF-8; save the file as UTF-8 text"
     path.write_bytes(b"#" * (LARGEST_FILE + 1))
-    assert _message(path).startswith(f"{path.name}: is larger than 1000000 bytes")
+    assert _message(path).startswith(f"{path.name} is larger than 1000000 bytes")
     path.write_bytes(b"#" * LARGEST_FILE)
     assert "larger" not in _message(path)
     if hasattr(os, "mkfifo"):  # would block
         os.mkfifo(tmp_path / f"p{suffix}")
-        assert _message(tmp_path / f"p{suffix}") == f"p{suffix}: is not a regular file; give a file"
+        assert _message(tmp_path / f"p{suffix}") == f"p{suffix} is not a regular file; give a file"
     for name in ("v" * 5000 + suffix, "v\0" + suffix):
         assert re.search(r"cannot be read \(.+\); check the path", _message(tmp_path / name))
     assert re.fullmatch(r"v\.json: .*'\.json'.*; give \.toml, \.yaml or \.yml", _message(tmp_path / "v.json"))
 
     # not by chmod: it does not bind the superuser, whom containers run as
     monkeypatch.setattr(Path, "open", Mock(side_effect=PermissionError(13, "Permission denied")))
-    assert _message(path) == f"{path.name}: cannot be read (Permission denied); check the path and its permissions"
+    assert _message(path) == f"{path.name} cannot be read (Permission denied); check the path and its permissions"

@@ -111,7 +111,7 @@ def command(
     check_measure(worst_by)
     with _bar(campaign.runs) as advance:
         store = execute(campaign, out, workers=workers, scheduler=scheduler, progress=advance)
-    progress("statistics and pictures")
+    progress("compute the statistics and draw the pictures")
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)
     try:

@@ -76,7 +76,7 @@ def command(
     Example: railslip derive --adhesion bristle --format latex --out derivation.tex
     """
     if as_json and form is not None:
-        raise InputError(f"--format: {form!r} does not go with --json; give one of the two")
+        raise InputError(f"--format: {form!r} has no effect with --json; give only one of the two")
     chosen_form = "json" if as_json else _choice("--format", form or "text", _FORMATS)
     if out is not None:
         _check_out(out, chosen_form)  # before the computation starts
@@ -141,12 +141,15 @@ def _check_predictive(reference: str, adhesion: str | None, initial_speed: float
     """Raise InputError if an option is given that is only for the published law."""
     if reference != "proportional":
         raise InputError(
-            f"--reference: {reference!r} is only for --law published, because the predictive law holds a slip ratio; "
-            "leave it out"
+            f"--reference: {reference!r} is only for --law published, because the predictive law tracks a slip ratio; "
+            "leave --reference out"
         )
     if adhesion is not None or initial_speed is not None:
         name = "--initial-speed" if adhesion is None else "--adhesion"
-        raise InputError(f"{name}: is only for --law published; the predictive law estimates the torque; leave it out")
+        raise InputError(
+            f"{name} is only for --law published, because the predictive law estimates the holding torque without an "
+            f"adhesion law; leave {name} out"
+        )
 
 
 def _predictive_program(name: str) -> CProgram:
@@ -176,7 +179,10 @@ def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None,
         law = law_from_file(file, v0, None, assumed=initial_speed is None)
         return law.name, law, file
     if initial_speed is not None:
-        raise InputError("--initial-speed: is only for an --adhesion file whose numbers depend on it; leave it out")
+        raise InputError(
+            "--initial-speed is only for an --adhesion file whose numbers depend on the initial speed; leave "
+            "--initial-speed out"
+        )
     if adhesion is not None and adhesion.lower().endswith(".py"):
         raise InputError(f"--adhesion: {adhesion}: derive cannot use a Python file; give a law by name, or FILE.toml")
     return None if adhesion is None else law_class(adhesion).name, None, None

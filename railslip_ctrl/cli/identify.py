@@ -145,12 +145,12 @@ def command(
     """
     options = _options(given)
     if len(logs) > 1 and options.initial_speed is not None:
-        raise InputError(f"--initial-speed: is only for one log, but there are {len(logs)}; leave it out")
+        raise InputError(f"--initial-speed is only for one log, but there are {len(logs)}; leave --initial-speed out")
     if sum(str(log) == STANDARD_INPUT for log in logs) > 1:
         raise InputError(f"LOG.csv: {STANDARD_INPUT} is given more than once; standard input can be read once")
     if observed is not None:
         if len(logs) > 1:
-            raise InputError(f"--observed: is only for one log, but there are {len(logs)}; give the logs one by one")
+            raise InputError(f"--observed is only for one log, but there are {len(logs)}; give the logs one by one")
         check_file(observed, "--observed")
         if observed.exists() and any(log.exists() and log.samefile(observed) for log in logs):
             raise InputError(f"--observed: {str(observed)!r} is the log itself; give another file")

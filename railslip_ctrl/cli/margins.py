@@ -69,10 +69,10 @@ def command(
     if controller is not None:
         for option, value in (("--lead", lead), ("--lead-filter", lead_filter)):
             if value is not None:
-                raise InputError(f"{option}: does not go with --controller; leave one out")
+                raise InputError(f"{option} has no effect with --controller; give only one of the two options")
     if envelope is not None:
         if certify:
-            raise InputError("--certify: is only for operating points; leave --envelope out")
+            raise InputError("--certify is only for operating points; leave --envelope out")
         judged = cases.envelope(envelope)
         if controller is not None:
             point = judged.points(nominal=True).plants[0].point
@@ -97,7 +97,7 @@ def command(
         for point in points
     ]
     if certify and any(isinstance(assessment.loop, SampledLoop) for assessment in assessments):
-        raise InputError("--certify: the loop of a discrete controller has no certificate; leave it out")
+        raise InputError("--certify: the loop of a discrete controller has no certificate; leave --certify out")
     certificates = [assessment.loop.certificate() for assessment in assessments] if certify else []
     pairs = zip_longest(assessments, certificates)
     show(
@@ -121,7 +121,7 @@ def given_controller(
     slips = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
     if options.is_file(text):
         if gains is not None:
-            raise InputError(f"--kp: does not go with a controller from a file; write the gain into {text}")
+            raise InputError(f"--kp has no effect with a controller from a file; write the gain into {text}")
         return options.controller_from_file(text, point.vehicle, slips, point.speed)
     name = options.controller_name(text)
     return controller_named(name, point.vehicle, column=default_column(point.law), gains=gains, reference=slips)

@@ -158,7 +158,7 @@ class CaseOptions:
         """
         if self.masses:
             raise InputError(
-                "--mass: does not go with an envelope, whose loads need both mass and wheel load; give --loaded, or "
+                "--mass has no effect with an envelope, whose loads need both mass and wheel load; give --loaded, or "
                 "both values in the vehicle's file"
             )
         _ = self.chosen_vehicle  # prints the assumptions about the vehicle
@@ -226,8 +226,8 @@ class CaseOptions:
         if max(speeds) > self.initial_speed:
             other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
             warn(
-                f"--speed: {max(speeds):g} km/h is above {self.initial_speed:g} km/h, the v0 at which the brake is "
-                f"applied; a braking train does not reach this speed; give a lower --speed{other}"
+                f"--speed: {max(speeds):g} km/h is above the initial speed v0 = {self.initial_speed:g} km/h, which a "
+                f"braking train does not exceed; give a lower --speed{other}"
             )
         return points
 
@@ -270,12 +270,13 @@ class CaseOptions:
             changes["adhesion"] = self._run_law(name, vehicle, v0)
         elif _is_given("initial_speed"):
             raise InputError(
-                "--initial-speed: selects adhesion parameters, but the scenario gives them already; leave it out"
+                "--initial-speed selects adhesion parameters, but the scenario gives them already; leave "
+                "--initial-speed out"
             )
         if not math.isclose(v0, start):
             warn(
-                f"--initial-speed: the adhesion law is for brakes applied at {v0 / KMH:g} km/h, but this run begins at "
-                f"{start / KMH:g} km/h (--speed)"
+                f"--initial-speed: the adhesion law is that of stops from {v0 / KMH:g} km/h, but this run begins at "
+                f"{start / KMH:g} km/h (--speed); give the same speed unless this is intended"
             )
         return scenario.for_vehicle(vehicle).with_changes(**changes)
 
@@ -306,7 +307,7 @@ class CaseOptions:
             option = "--speed" if self.speeds else "--scenario"
             raise InputError(
                 f"{option}: the run begins at {v0 / KMH:g} km/h, outside {low:g} to {high:g} km/h, the range of v0 of "
-                f"adhesion {name!r}; give the law's v0 with --initial-speed"
+                f"adhesion {name!r}; give a v0 inside this range with --initial-speed"
             ) from None
 
     def _run_vehicle(self, own: Vehicle) -> Vehicle:
@@ -549,8 +550,8 @@ def refuse_given(*options: str, because: str) -> None:
 
     `because` says when they are not used, for example "with --no-html".
     """
-    for name in filter(_is_given, options):
-        raise InputError(f"--{name.replace('_', '-')}: is not used {because}; leave it out")
+    for flag in (f"--{name.replace('_', '-')}" for name in options if _is_given(name)):
+        raise InputError(f"{flag} has no effect {because}; leave {flag} out")
 
 
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:

@@ -91,7 +91,7 @@ def _check_repeated(ctx: click.Context, command: click.Command, arguments: Seque
             continue
         is_switch = option.is_flag and not option.secondary_opts  # repeating a switch has no effect
         if given.count(option) > 1 and not is_switch:
-            raise InputError(f"{option.opts[0]}: is given {given.count(option)} times; give it once")
+            raise InputError(f"{option.opts[0]} is given {given.count(option)} times; give it once")
 
 
 @click.group(cls=_LazyGroup, context_settings=HELP)

@@ -86,11 +86,11 @@ def _write_page(
     from railslip_ctrl.sliding.derivation import derive
 
     started = time.perf_counter()
-    progress("errata, and Table 4's gains in both readings")
+    progress("compute the errata, and margins with the gains of Table 4 in SI and as published")
     misprints = cached("errata", lambda: errata(derive()))
     points = [plant_at("bristle", PARK2008, rail, v).point for rail in Rail for v in (100.0, 60.0, 20.0)]
     groups = published_groups([replace(point, initial_speed_kmh=INITIAL_SPEED_KMH) for point in points])
-    progress("pictures")
+    progress("draw the pictures")
     pictures = Pictures()
     pictures.draw(partial(_drawings, comparison, groups))
     svg = {name: files["svg"] for name, files in pictures.drawn.items()}

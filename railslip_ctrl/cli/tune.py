@@ -90,7 +90,10 @@ def command(
     kind = structure_named(structure)
     if not issubclass(kind, PI):
         if minimise_ms or {phase_min, delay_min, ki_min, lead, lead_filter} != {None}:
-            raise InputError(f"--structure {structure}: its parameters follow from the vehicle; give only --ms-max")
+            raise InputError(
+                f"--structure {structure}: the parameters of this controller are computed from the vehicle; of the "
+                "tuning options give only --ms-max"
+            )
         judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
         _by_rule(ctx, by_rule(kind, judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)
     _check_asked(specification, minimise_ms, ki_min)
@@ -145,10 +148,10 @@ def _by_rule(ctx: click.Context, design: Design, out: Path | None, as_json: bool
 
 def _check_asked(specification: Specification, minimise_ms: bool, ki_min: float | None) -> None:
     if minimise_ms != (ki_min is not None):
-        raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
+        raise InputError("--minimise-ms and --ki-min need each other; give both, or only --ms-max to maximise ki")
     if not minimise_ms and specification == Specification():
         raise InputError(
-            "--ms-max: is missing; give --ms-max, --phase-min or --delay-min, or --minimise-ms with --ki-min"
+            "--ms-max is missing; give --ms-max, --phase-min or --delay-min, or --minimise-ms with --ki-min"
         )
 
 
@@ -160,8 +163,8 @@ def _saved(
     _write(control, out, points[0].vehicle)
     runs = [loop_as_run(linearize(point), control, point.vehicle.actuator) for point in points]
     worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
-    result = "unstable" if math.isinf(worst) else f"worst Ms {ms_up(worst)}"
-    progress(f"sampled loops, period {control.period:g} s: {result}")
+    result = "is unstable" if math.isinf(worst) else f"has Ms {ms_up(worst)}"
+    progress(f"the worst loop, sampled every {control.period:g} s as the controller runs, {result}")
 
 
 def _references(points: list[OperatingPoint]) -> ReferenceSlip:

@@ -474,7 +474,7 @@ class Controller(Record):
         for name, field in type(self).model_fields.items():
             if getattr(self, name) is None and field.default is not None:
                 raise InputError(
-                    f"{name}: None cannot be saved; a file without the key means {field.default}; give a value"
+                    f"{name}: None cannot be saved, because a file without this key means {field.default}; give a value"
                 )
         lines, tables = [f"kind = {_toml(self.kind)}", f"name = {_toml(self.label)}"], list[str]()
         if (python := python_file(type(self))) is not None:
@@ -499,7 +499,7 @@ class Controller(Record):
         try:
             path.write_text(self._file_text(path.parent), "utf-8")
         except OSError as error:
-            raise InputError(f"{file_name(path)}: cannot be written ({error.strerror}); give another path") from None
+            raise InputError(f"{file_name(path)} cannot be written ({error.strerror}); give another path") from None
 
 
 def python_file(kind: type[Controller]) -> str | None:

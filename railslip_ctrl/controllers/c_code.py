@@ -240,8 +240,8 @@ def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable
             value = "train_speed"
         elif repr(value) != repr(other):  # the text of NaN equals that of NaN
             raise InputError(
-                f"state: the initial value of {name} is neither a constant nor the train speed; compute it in the "
-                "first sample"
+                f"state: the initial value of {name} is neither a constant nor the train speed; give a constant, and "
+                "compute the value in the first sample"
             )
         members.append(Member(name, *_described(owners, name), length, value))
     return members

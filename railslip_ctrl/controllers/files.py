@@ -62,9 +62,14 @@ def _check_kind(kind: type[Controller], where: str) -> None:
     """Raise InputError if a user's controller class lacks kind, title, source, or a static method `step`."""
     for name in ("kind", "title", "source"):
         if not isinstance(getattr(kind, name, None), str):
-            raise InputError(f"{where}: {kind.__name__} has no {name}; define kind, title and source as texts in it")
+            raise InputError(
+                f"{where}: class {kind.__name__} has no attribute {name}; define the class attributes kind, title and "
+                "source as texts"
+            )
     if kind.step is Controller.step:
-        raise InputError(f"{where}: {kind.__name__} has no step; give it step(state, measurement, parameters)")
+        raise InputError(
+            f"{where}: class {kind.__name__} has no step; define a static method step(state, measurement, parameters)"
+        )
     if not isinstance(inspect.getattr_static(kind, "step"), staticmethod):
         raise InputError(f"{where}: {kind.__name__}.step is not a static method; write @staticmethod above it")
 

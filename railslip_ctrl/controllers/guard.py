@@ -212,7 +212,7 @@ def step_parameters(control: Controller, rail: Rail, period: float) -> dict[str,
     InputError if a controller that tracks a reference slip has none.
     """
     if control.reference is None and control.follows_reference:
-        raise InputError(f"controller {control.label}: it has no reference slip; give it a reference")
+        raise InputError(f"controller {control.label} has no reference slip; give `reference`")
     law = control.model_law
     situation = Situation(rail, period, law.on(rail) if law is not None else None)
     slip = math.nan if control.reference is None else control.reference.on(rail)

@@ -185,7 +185,7 @@ class TransferFunction(SystemControl):
     def system(self) -> LinearController:
         for name, coefficients in (("num", self.num), ("den", self.den)):
             if not coefficients:
-                raise InputError(f"{name}: is empty; give at least one coefficient")
+                raise InputError(f"{name}: the list is empty; give at least one coefficient")
         return PolynomialController(self.num, self.den, self._own_period)
 
     def design_numbers(self) -> list[DesignNumber]:
@@ -235,7 +235,7 @@ class StateSpace(SystemControl):
     def _as_matrices(cls, content: dict[str, Any]) -> dict[str, Any]:
         keys = {key.upper() if key in ("a", "b", "c", "d") else key: value for key, value in content.items()}
         if len(keys) < len(content):
-            raise InputError("A, B, C, D: a matrix is given in upper and in lower case; give it once")
+            raise InputError("A, B, C, D: the same matrix is given in upper and in lower case; give it once")
         if isinstance(keys.get("A"), int | float):
             keys["A"] = [[keys["A"]]]
         if "B" in keys:
@@ -245,13 +245,13 @@ class StateSpace(SystemControl):
         if "D" in keys:
             keys["D"] = _single(_single(keys["D"]))
         if any(not isinstance(row, list | tuple) for row in _listed(keys.get("A", []))):
-            raise InputError("A: is not a list of rows; give [[...], ...]")
+            raise InputError("A: the value is not a list of rows; give [[...], ...]")
         lengths = sorted({len(row) for row in keys.get("A", [])})
         if len(lengths) > 1:
-            raise InputError(f"A: has rows of {lengths[0]} and of {lengths[-1]} numbers; give n rows of n")
-        for key, shape in (("B", "n numbers or n rows of one"), ("C", "n numbers or one row of n")):
+            raise InputError(f"A: some rows have {lengths[0]} numbers, others {lengths[-1]}; give n rows of n numbers")
+        for key, shape in (("B", "n numbers or n rows of one number"), ("C", "n numbers or one row of n numbers")):
             if any(isinstance(entry, list) for entry in keys.get(key, ())):
-                raise InputError(f"{key}: is not for one input and one output; give {shape}")
+                raise InputError(f"{key}: the matrix has several inputs or outputs; give {shape}")
         return keys
 
     @cached_property

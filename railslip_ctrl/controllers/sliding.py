@@ -150,7 +150,9 @@ class Sliding(Controller):
         assert self.nominal_viscous_friction is not None, "`believing` sets it"
         assert self.reference is not None, "checked by `step_parameters`"
         if situation.assumed is None:
-            raise InputError(f"controller {self.label}: it has no adhesion law to assume; give it the key `adhesion`")
+            raise InputError(
+                f"controller {self.label}: the adhesion law that the controller assumes is missing; give `adhesion`"
+            )
         law = generated_law().Parameters
         return {
             **law._field_defaults,

@@ -296,9 +296,9 @@ def has_step(controller: Any) -> bool:
 def step_alone(controller: Any) -> InputError:
     """Return the InputError for a user's controller without a method `linear`, whose margins cannot be computed."""
     where = place_of(getattr(controller, "step", controller))
-    lacking = "an object that has step and" if is_function(controller) else "it"
+    remedy = "give an object with step and with" if is_function(controller) else "add"
     return InputError(
-        f"controller: {where}{_name(controller)} has no margins, because it only has a step; give {lacking} a method "
+        f"controller: {where}{_name(controller)} has no margins, because its linear system is not known; {remedy} a method "
         "linear(operating_point) that returns a python-control system"
     )
 

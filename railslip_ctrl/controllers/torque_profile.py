@@ -35,7 +35,8 @@ class TorqueProfile(Controller):
     def _rising(self) -> Self:
         if not self.times or len(self.times) != len(self.torques):
             raise InputError(
-                f"torque profile: {len(self.times)} times and {len(self.torques)} torques; give equal numbers of both"
+                f"torque profile: the lists have {len(self.times)} times and {len(self.torques)} torques; give as many "
+                "times as torques"
             )
         for earlier, later in pairwise(self.times):
             if not later > earlier:

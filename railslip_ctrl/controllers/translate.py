@@ -109,7 +109,7 @@ def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) 
     """
     arguments = tuple(inspect.signature(step).parameters)[: len(ROLES)]
     if roles is None and len(arguments) < len(ROLES):
-        raise InputError(f"{_place(step, 0)}: step takes {len(arguments)} arguments; give it {', '.join(ROLES)}")
+        raise InputError(f"{_place(step, 0)}: step takes {len(arguments)} arguments; define step({', '.join(ROLES)})")
     assert isinstance(step, FunctionType), "a kind's step is a static method"
     return _read(step, dict(zip(arguments, ROLES, strict=True)) if roles is None else roles, {}, ())
 
@@ -151,8 +151,8 @@ def _read(
     if function in known:
         if dict(known[function].roles) != dict(roles):
             raise InputError(
-                f"{_place(function, 0)}: calls of {function.__name__} give state, measurement or parameters in "
-                "different arguments; use the same arguments in every call"
+                f"{_place(function, 0)}: calls of {function.__name__} pass state, measurement or parameters in "
+                "different positions; use the same positions in every call"
             )
         return known[function]
     try:
@@ -293,8 +293,8 @@ def _names(
             given = [{name: read.role(arg) for name, arg in zip(names, node.args, strict=True)} for node in called]
             if any(roles != given[0] for roles in given):
                 raise InputError(
-                    f"{where}: calls of {part.id} give state, measurement or parameters in different arguments; use "
-                    "the same arguments in every call"
+                    f"{where}: calls of {part.id} pass state, measurement or parameters in different positions; use "
+                    "the same positions in every call"
                 )
             roles = {name: role for name, role in given[0].items() if role is not None}
             calls[part.id] = _read(value, roles, known, above)

@@ -223,8 +223,8 @@ class PythonCall:
             if not hasattr(step.thing, "reset"):
                 reason = " ".join(str(error).split())
                 raise InputError(
-                    f"controller {self._control.label}: it has no reset and cannot be copied for a run ({reason}); add "
-                    "reset(t, v, omega)"
+                    f"controller {self._control.label}: the object cannot be copied for a run ({reason}), and it has "
+                    "no reset; add a method reset(t, v, omega)"
                 ) from error
             thing = step.thing
         if hasattr(thing, "reset"):

@@ -58,7 +58,7 @@ def read_text(path: Path, *, where: str = "") -> str:
     where = where or file_name(path)
     content = _read_bytes(path, where)
     if len(content) > LARGEST_FILE:
-        raise InputError(f"{where}: is larger than {LARGEST_FILE} bytes; give a parameter file")
+        raise InputError(f"{where} is larger than {LARGEST_FILE} bytes; give a parameter file")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -76,7 +76,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise InputError(f"{file_name(path)}: is nested too deeply; give plain tables of keys") from None
+        raise InputError(f"{file_name(path)}: the file is nested too deeply; give plain tables of keys") from None
     except ValueError as error:  # TOMLDecodeError, or an integer with more digits than Python allows
         raise InputError(f"{file_name(path)}: not valid TOML: {_flat(error)}") from None
 
@@ -131,9 +131,9 @@ def _read_bytes(path: Path, where: str) -> bytes:
     """Read at most `LARGEST_FILE` + 1 bytes of a regular file; InputError otherwise."""
     try:
         if path.is_dir():
-            raise InputError(f"{where}: is a directory; give a file")
+            raise InputError(f"{where} is a directory; give a file")
         if path.exists() and not path.is_file():  # reading a pipe or device may never end
-            raise InputError(f"{where}: is not a regular file; give a file")
+            raise InputError(f"{where} is not a regular file; give a file")
         with path.open("rb") as file:
             return file.read(LARGEST_FILE + 1)
     except FileNotFoundError:
@@ -142,7 +142,7 @@ def _read_bytes(path: Path, where: str) -> bytes:
         raise
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = getattr(error, "strerror", None) or _flat(error)
-        raise InputError(f"{where}: cannot be read ({reason}); check the path and its permissions") from None
+        raise InputError(f"{where} cannot be read ({reason}); check the path and its permissions") from None
 
 
 def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) -> str:

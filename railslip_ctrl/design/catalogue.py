@@ -348,8 +348,8 @@ def tracked_reference(
     if not _tracks_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):
             if given is not None:
-                message = f"{dashes}{name}: {given} does not go with {controller}, which holds no reference slip"
-                raise InputError(f"{message}; leave it out")
+                message = f"{dashes}{name}: {given} has no effect with {controller}, which tracks no reference slip"
+                raise InputError(f"{message}; leave {dashes}{name} out")
         return None
     if slip is not None:
         return ReferenceSlip(dry=slip, wet=slip)

@@ -536,9 +536,9 @@ class Decomposition:
         turned = limit * self.dead_time
         if turned > _MOST_TURNED:
             raise InputError(
-                f"plant: its gain falls too slowly; up to {limit:.3g} rad/s, the highest crossover, the dead time of "
-                f"{self.dead_time:g} s has a phase of {turned:.3g} rad, more than {_MOST_TURNED:g}; add the actuator's "
-                "lag"
+                f"plant: its gain falls too slowly: at {limit:.3g} rad/s, the highest possible crossover, the "
+                f"dead time {self.dead_time:g} s turns the phase by {turned:.3g} rad, more than {_MOST_TURNED:g}; add "
+                "the actuator's lag"
             )
         return limit
 

@@ -128,7 +128,7 @@ class Envelope(Record):
             value = (value,)
         values = tuple(x.item() if isinstance(x, np.generic) else x for x in value)
         if not values:
-            raise InputError("is empty; give at least one value")
+            raise InputError("the list is empty; give at least one value")
         return tuple(x for i, x in enumerate(values) if x not in values[:i])
 
     @field_validator("speeds", mode="before")
@@ -254,16 +254,15 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     path = given_path(path)
     where = file_name(path)
     if not path.is_file():
-        raise InputError(f"{where}: is not a file; give the path of a file with a table [envelope]")
+        raise InputError(f"{where} is not a file; give the path of a file with a table [envelope]")
     content = read_toml(path) if path.suffix.lower() == ".toml" else {}
     of_vehicle = path.suffix.lower() != ".toml" or bool(content.keys() & {"mass", "rolling_stock"})
     if not of_vehicle and "envelope" not in content:
-        raise InputError(f"{where}: has no table [envelope]; write one, or give a vehicle's file")
+        raise InputError(f"{where} has no table [envelope]; write one, or give a vehicle's file")
     if not of_vehicle and (vehicle is None or len(content) > 1):
         key = next((key for key in content if key != "envelope"), None)
-        raise InputError(
-            f"{where}: {'has no vehicle; give a vehicle too' if key is None else f'{key}: unknown key; remove it'}"
-        )
+        no_vehicle = f"{where} has no vehicle; give a vehicle too"
+        raise InputError(no_vehicle if key is None else f"{where}: {key}: unknown key; remove it")
     car = load_vehicle(path) if vehicle is None else vehicle
     table = content.get("envelope", {})
     if not isinstance(table, dict):
@@ -437,7 +436,9 @@ def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> Envelop
         cases += [(len(found), i, as_given and i == 0) for i in mine]
         found.append((plant, load, slip, wrong))
     if not cases:
-        raise InputError("envelope: no case is left; " + (f"first: {skipped[0]}" if skipped else "give more values"))
+        raise InputError(
+            "envelope: no case is left; " + (f"the first left out: {skipped[0]}" if skipped else "give more values")
+        )
     plants, loads, slip_factors, of_errors = zip(*found, strict=True)
     plant_of, actuator_of, operating = (np.array(column) for column in zip(*cases, strict=True))
     return EnvelopePoints(
@@ -506,8 +507,8 @@ def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
     if slip is not None and slip * max(envelope.slip) >= 1:
         of = "" if given is not None else f" of {law.name}"
         raise InputError(
-            f"slip: {max(envelope.slip):g} times the reference slip{of} on {rail} rail, {slip:.4g}, is a slip of 1 or "
-            f"more (locked wheel); give factors < {1 / slip:.4g}, or a smaller reference slip"
+            f"slip: {max(envelope.slip):g} times the reference slip{of} on {rail} rail, {slip:.4g}, is at least 1 "
+            f"(locked wheel); give factors < {1 / slip:.4g}, or a smaller reference slip"
         )
     if slip is None:
         raise InputError(

@@ -151,13 +151,15 @@ def tune(
         unused = {"phase_min": phase_min, "delay_min": delay_min, "minimise_ms": minimise_ms or None, "ki_min": ki_min}
         for name, given in (unused | {"lead": lead, "lead_filter": lead_filter}).items():
             if given is not None:
-                raise InputError(f"{name}: does not go with {kind.kind!r}, whose gains follow from rules; leave it out")
+                raise InputError(
+                    f"{name} has no effect with {kind.kind!r}, whose gains are computed by rules; leave {name} out"
+                )
         ruled = by_rule(kind, envelope, ROBUST_MS if ms_max is None else ms_max, nominal=nominal, period=period)
         if ruled.reason:
             raise InfeasibleDesignError(ruled.reason)
         return ruled
     if minimise_ms != (ki_min is not None):
-        raise InputError("minimise_ms and ki_min: go together; give both, or neither to maximise ki")
+        raise InputError("minimise_ms and ki_min need each other; give both, or neither to maximise ki")
     if not minimise_ms and specification == Specification():
         specification = Specification(ROBUST_MS)
     leads = {"lead": lead, "lead_filter": lead_filter}
@@ -617,8 +619,8 @@ class _Search:
         slowest, few = self.at(times[0], hardest)
         if slowest is None:
             raise InfeasibleDesignError(
-                "no gains found that stabilise every loop, with tolerances, at the highest speed; shorten the dead "
-                "time or choose a smaller reference slip"
+                "no gains were found that stabilise every loop with tolerances at the highest speed; shorten the dead "
+                "time, or choose a smaller reference slip"
             )
         results, worse = [slowest], 0
         for time in times[1:]:

@@ -619,7 +619,7 @@ def region_map(
         raise InputError(f"region: there is nothing to draw; {region.reason or 'give larger limits'}")
     top = max(float(strip.ki_high.max()) for strip in strips)
     if math.isinf(top):
-        raise InputError("region: unbounded in ki; give ki_limit, the largest ki to draw")
+        raise InputError("region: ki is unbounded; give ki_limit, the largest ki to draw")
     low, high = min(float(strip.kp[0]) for strip in strips), max(float(strip.kp[-1]) for strip in strips)
     return strips, margin_grid(region, np.linspace(low, high, _GRID[0]), np.linspace(0.0, top, _GRID[1]))
 

@@ -87,7 +87,7 @@ def tune_pi(
         if ki_min is None:
             raise InputError("ki_min: None is not allowed with minimise_ms; give the smallest ki, > 0")
     elif ki_min is not None:
-        raise InputError("ki_min: goes with minimise_ms; leave it out to maximise ki")
+        raise InputError("ki_min is used only with minimise_ms; leave ki_min out to maximise ki")
     return _tuned(family, specification, ki_min)
 
 
@@ -150,7 +150,9 @@ def _systems(plants: Any, compensator: Any) -> list[Rational]:
     extra = Rational.from_control(1.0 if compensator is None else compensator, "compensator")
     systems = [extra * Rational.from_control(plant, "plants") for plant in members]
     if not all(system.gain for system in systems):
-        raise InputError("plants: a plant in series with the compensator has gain 0; give nonzero gains")
+        raise InputError(
+            "plants: a plant in series with the compensator has gain 0; give plants and a compensator with other gains"
+        )
     return systems
 
 
@@ -218,7 +220,7 @@ def tune_cases(
     """
     if not issubclass(kind, PILead) and (lead is not None or lead_filter is not None):
         given = "lead" if lead is not None else "lead filter"
-        raise InputError(f"{given}: does not go with structure {kind.kind!r}; choose 'pi-lead' or 'pid'")
+        raise InputError(f"{given} has no effect with structure {kind.kind!r}; choose 'pi-lead' or 'pid'")
     if issubclass(kind, PID) and lead is not None:
         raise InputError("lead: structure 'pid' tunes its own derivative time; to set it yourself choose 'pi-lead'")
     tuned = partial(_tune, plants, actuator, kind, specification, ki_min, lead_filter)

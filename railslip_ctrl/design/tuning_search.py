@@ -516,9 +516,9 @@ def _infeasible(family: Family, specification: Specification) -> InfeasibleDesig
     texts = []
     alone = True
     for margin, sign, bound, text in (
-        ("ms", 1, specification.ms_max, "least worst Ms {:.4g}"),
-        ("phase_deg", -1, specification.phase_min_deg, "largest phase margin {:.4g} deg"),
-        ("delay_s", -1, specification.delay_min_s, "largest delay margin {:.4g} s"),
+        ("ms", 1, specification.ms_max, "the smallest worst Ms is {:.4g}"),
+        ("phase_deg", -1, specification.phase_min_deg, "the largest phase margin is {:.4g} deg"),
+        ("delay_s", -1, specification.delay_min_s, "the largest delay margin is {:.4g} s"),
     ):
         if bound:
             best = _best(family, margin)
@@ -526,7 +526,7 @@ def _infeasible(family: Family, specification: Specification) -> InfeasibleDesig
             alone &= best <= sign * bound
     together = "; each requirement alone can be met, but not all together" if alone and len(texts) > 1 else ""
     return InfeasibleDesignError(
-        f"specification cannot be met: {specification.description} is required, and with ki near 0 the best is "
+        f"specification cannot be met: {specification.description} is required, and with ki near 0 "
         f"{', '.join(texts)}{together}; {remedy}"
     )
 
@@ -607,11 +607,11 @@ def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> 
     if math.isnan(largest):
         return _infeasible(family, specification)
     if largest > ki_min and specification.description:
-        reason = _infeasible(family, specification)
+        reason = str(_infeasible(family, specification)).removeprefix("specification cannot be met: ")
         return InfeasibleDesignError(f"no PI with ki >= {ki_min:g} meets the specification: {reason}")
     return InfeasibleDesignError(
         f"no PI with ki >= {ki_min:g} stabilises all plants; give a ki_min of at most about {largest:.4g}, the "
-        "largest ki that does"
+        "largest ki with which a PI stabilises all plants"
     )
 
 

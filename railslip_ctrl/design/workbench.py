@@ -53,7 +53,7 @@ class Workbench:
         slips = own or common_reference(self.envelope, self.envelope.points(nominal=True))
         if slips is None:
             raise InputError(
-                "envelope: its adhesion laws have different reference slips; give it a reference, or give --slip"
+                "envelope: its adhesion laws have different reference slips; give the envelope a reference, or --slip"
             )
         return slips
 

@@ -344,8 +344,10 @@ class Alignment:
         for rows in blocks:
             for name in (*self._delays, *self._zeros):
                 if name not in rows.columns:
-                    names = ", ".join(rows.columns)
-                    raise InputError(f"{self._name}: no column {name} to correct; choose one of {names}")
+                    names, option = ", ".join(rows.columns), "delays" if name in self._delays else "zeros"
+                    raise InputError(
+                        f"{self._name}: no column {name}, which `{option}` should correct; choose one of {names}"
+                    )
             columns = {name: values - self._zeros.get(name, 0.0) for name, values in rows.columns.items()}
             rows = Rows(rows.line, columns)
             buffer = rows if self._buffer is None else self._buffer.then(rows)

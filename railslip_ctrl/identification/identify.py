@@ -622,7 +622,9 @@ def _with_one_model(identified: Sequence[Identification]) -> list[Identification
         if len(same) == len(identified) and name != "table":  # tables have different knots in each log
             totals[name] = sum(s.bic for s in same)
     if not totals:
-        raise InputError("model: no model fits every log; choose a model with `model`")
+        raise InputError(
+            "model: no model could be fitted to every log; choose a model with `model`, or leave out a log"
+        )
     for best in sorted(totals, key=lambda name: totals[name]):
         with suppress(DomainError):  # raised if the model has no peak in one of the logs
             return [_with_model(each, best) for each in identified]

@@ -8,8 +8,7 @@ angular speed (rad/s, rpm) is read as angular speed. Time, train speed, brake to
 required; other columns are ignored.
 
 The header is the first line that names the required columns. If the first line that is not a comment has numbers, the
-header is the last comment line (#) above it that names the columns; NumPy writes such files. A line of units may follow
-the header.
+header is the last comment line (#) above it that names the columns. A line of units may follow the header.
 
 Every row keeps its line number. Lines that cannot be read (cut off, or with text instead of numbers) are left out and
 reported. A last line without a line end counts as cut off if cells are missing. An empty optional column is ignored.
@@ -49,8 +48,7 @@ Lines = Integers
 
 BLOCK_BYTES = 4 << 20  #: bytes read at a time; a block and its numbers take about 30 MB of memory
 
-LONGEST_LINE = 1 << 20
-"""Length of the longest line that is read, bytes; it bounds the memory for a file without line ends."""
+LONGEST_LINE = 1 << 20  #: longest line that is read, bytes; it bounds the memory for a file without line ends
 
 STANDARD_INPUT = "-"  #: path that means standard input
 
@@ -88,9 +86,8 @@ def find_columns(
     """Find the column of each quantity in a header; the result has the quantities as keys, in the order of `UNITS`.
 
     `columns` maps a quantity to its header cell, if this cell is not in `NAMES`, or to the position of its column,
-    counted from 1. `units` maps a quantity to its unit and overrides the unit in the header; a column without any unit
-    is in SI. InputError for an unknown quantity, an unknown or ambiguous header, a missing column, or a unit that does
-    not suit the quantity.
+    counted from 1. `units` maps a quantity to its unit and overrides the unit in the header. InputError for an unknown
+    quantity, an unknown or ambiguous header, a missing column, or a unit that does not suit the quantity.
     """
     columns, units = columns or {}, units or {}
     for option, given in (("`columns`", columns), ("`units`", units)):
@@ -112,7 +109,7 @@ def find_columns(
         quantity = [*missing, "wheel_speed"][0]
         names = " or ".join(repr(name) for name in NAMES[quantity][:2])
         raise InputError(
-            f"header: no column for {quantity}; name its column {names}, or give `columns` {quantity}=HEADER "
+            f"header: no column for {quantity}; call a column {names}, or give `columns` {quantity}=HEADER "
             f"(the header has {_cells(header)})"
         )
     return by_quantity
@@ -132,7 +129,7 @@ def _given_index(header: Sequence[str], quantity: str, wanted: str) -> int:
         return int(wanted) - 1
     if len(at) != 1:
         count = f"`columns` {quantity}: {len(at) or 'no'} {'columns are' if at else 'column is'} called {shown(wanted)}"
-        remedy = f"give the position, {_positions(at)}; " if at else close_match(wanted, header)
+        remedy = f"give the position of the column, {_positions(at)}; " if at else close_match(wanted, header)
         raise InputError(f"{count}; {remedy}the header has {_cells(header)}")
     return at[0]
 
@@ -146,7 +143,7 @@ def _known_index(header: Sequence[str], quantity: str) -> int | None:
 
 
 def _ambiguous(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    remedy = f"choose with `columns` {quantity}=HEADER, or give the position, {_positions(at)}"
+    remedy = f"choose with `columns` {quantity}=HEADER, or give the position of the column, {_positions(at)}"
     return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {remedy}")
 
 
@@ -276,10 +273,7 @@ def read_header(
 
 
 def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] | None:
-    """Split the first record of `lines`; return its cells and its number of lines.
-
-    A cell in quotation marks may span several lines. None if the quotation marks are invalid.
-    """
+    """Return the cells of the first record of `lines` and its number of lines; None if quotation marks are invalid."""
     if separator == BLANKS:
         return _WORDS.split(next(iter(lines)).strip()), 1
     reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, strict=True)
@@ -346,7 +340,6 @@ def _is_comment(line: bytes) -> bool:
 
 
 def _decoded(line: bytes) -> str:
-    """Decode a line, without its line end."""
     try:
         text = line.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -368,9 +361,8 @@ _OTHER_FORMATS = {
 class LogFile:
     """Reads the bytes of a log once, from the beginning; a gzipped file is unpacked.
 
-    `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is missing, not regular, unreadable or not
-    a text file. `damage` says why a gzipped file ends early, empty otherwise. `read` first returns the bytes in
-    `ahead`.
+    `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is not regular or not a readable text file.
+    `damage` says why a gzipped file ends early, empty otherwise. `read` first returns the bytes in `ahead`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -392,7 +384,7 @@ class LogFile:
             beginning = self._guarded(self._file.peek, 8)
             for magic, description in _OTHER_FORMATS.items():
                 if beginning.startswith(magic):
-                    raise InputError(f"{self.name}: is {description}; give a CSV file, gzipped or not")
+                    raise InputError(f"{self.name} is {description}; give a CSV file, gzipped or not")
         except InputError:
             self._raw.close()
             raise
@@ -408,7 +400,7 @@ class LogFile:
         except (OSError, ValueError) as error:  # ValueError: a null character in the path
             raise self._unreadable(error) from None
         reason = "is a directory" if stat.S_ISDIR(mode) else "is not a regular file"
-        raise InputError(f"{self.name}: {reason}; give a CSV file, or - for standard input")
+        raise InputError(f"{self.name} {reason}; give a CSV file, or - for standard input")
 
     def read(self, count: int) -> bytes:
         """Read `count` bytes, or fewer at the end of the file."""
@@ -428,11 +420,9 @@ class LogFile:
 
     @property
     def share(self) -> float:
-        """Share of the file that has been read, 0 to 1; 0 for standard input."""
         return self._position / self._size if self._size else 0.0
 
     def close(self) -> None:
-        """Close the file; standard input stays open."""
         self._file.close()
         self._raw.close()
 
@@ -448,13 +438,12 @@ class LogFile:
         return b""
 
     def _unreadable(self, error: Exception) -> InputError:
-        return InputError(f"{self.name}: cannot be read ({getattr(error, 'strerror', None) or error})")
+        return InputError(f"{self.name} cannot be read ({getattr(error, 'strerror', None) or error})")
 
 
 # --- the rows ------------------------------------------------------------------------------------------------------
 
-# Largest time, s, some 3000 years. Seconds since 1970 are below it, milliseconds above it. For larger numbers the
-# resolution of a double is too coarse to separate neighbouring rows.
+# Largest time, s; milliseconds since 1970 are above it. Doubles above it are too coarse to separate neighbouring rows.
 _LATEST = 1e11
 
 _MOST_NAMED = 5  # unreadable lines that have a message of their own
@@ -516,7 +505,6 @@ class Broken:
 
     @property
     def first(self) -> tuple[str, ...]:
-        """Messages about the first unreadable lines, in the order of the file."""
         return tuple(f"line {line}: {reason}" for line, reason in sorted(self.named))
 
 
@@ -601,8 +589,6 @@ class Log:
             text = f"{unread}; {text.removeprefix(f'{self.name}: ')}"
         return InputError("; ".join([text, *self.notes]))
 
-    # --- blocks of lines --------------------------------------------------------------------------------------------
-
     def _blocks(self) -> Iterator[tuple[int, bytes]]:
         """Yield blocks of whole lines: (number of the first line, bytes)."""
         line, rest = self._header.next_line, b""
@@ -670,8 +656,6 @@ class Log:
                     f"column {column.header!r} is empty in the first {len(rows)} rows and is ignored: {instead}"
                 )
 
-    # --- from lines to numbers --------------------------------------------------------------------------------------
-
     def _parsed(self, first: int, block: bytes) -> Rows:
         """Parse a block of whole lines into rows; unreadable lines are recorded in `broken`."""
         self._count = self._count or self._usual_count(block)
@@ -701,8 +685,7 @@ class Log:
     def _usual_count(self, block: bytes) -> int:
         """Most frequent number of cells of a row in the first block; 0 if the block has no rows.
 
-        Rows may have a cell more than the header if they end in a separator. They may lack cells that are empty at the
-        end of the header. Other numbers of cells do not count.
+        Rows may have one cell more than the header if they end in a separator, and may lack the empty last cells.
         """
         lines = block.split(b"\n", _FIRST_ROWS)[:-1]
         most, separator = len(self._header.cells), self._separator.encode()
@@ -714,8 +697,7 @@ class Log:
     def _numbers(self, number: Lines, text: bytes) -> tuple[Lines, Floats]:
         """Return the numbers of those lines of `text` that are rows, and their values (rows, columns) in file units.
 
-        If a cell is not a number, the lines are parsed again in pieces; the piece with this cell is parsed line by
-        line.
+        If a cell is not a number, the lines are parsed again in pieces, and the piece with this cell line by line.
         """
         if not self._is_regular(text):
             lines, kept = text.split(b"\n"), []

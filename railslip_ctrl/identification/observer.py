@@ -430,7 +430,7 @@ def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool)
             sound &= bool(poles.real.max() < 0)
     if not sound:
         raise InputError(
-            f"Kalman filter: no steady gain can be computed with measurement noise {noise:g} and driving noise "
+            f"Kalman filter: no steady gain can be computed with measurement noise {noise:g} and process noise "
             f"{np.abs(driven).max():g}; give noises closer to each other, and an interval near the filter's time "
             "constants"
         )

@@ -108,8 +108,8 @@ def certify(response: Response, margins: Margins | None) -> Certificate:
             except _TooWideError:
                 continue
     raise CertificateError(
-        f"certificate: {_BITS[-1]} bits do not enclose every margin to a relative width of {WIDTH:g}; in double "
-        "precision the loop is on the stability boundary; change the gain"
+        f"certificate: with {_BITS[-1]} bits the relative width of a margin's enclosure is still above {WIDTH:g}; in "
+        "double precision the loop is on the stability boundary; change the gain"
     )
 
 
@@ -422,8 +422,8 @@ class _Sum:
             self.derivatives.append([(tau, one.derivative() - tau * one) for tau, one in self.derivatives[-1]])
         if any(sum((one[0] for _, one in each), fmpq(0)) != 0 for each in self.derivatives[:removed]):
             raise CertificateError(
-                f"certificate: N or D does not vanish at s = 0 to order {removed}, because its coefficients are "
-                "rounded; give exact coefficients"
+                f"certificate: numerator or denominator of the loop has no zero of order {removed} at s = 0, because "
+                "its coefficients are rounded; give exact coefficients"
             )
         self._longest = max(float(delay) for delay, _ in terms)
         self._balls: dict[int, list[list[tuple[arb, acb_poly]]]] = {}
@@ -497,8 +497,8 @@ def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | Non
             except _TooWideError:
                 continue
     raise CertificateError(
-        f"certificate: {_BITS[-1]} bits and {_MOST_DELAYED} frequency intervals do not enclose every margin to a "
-        f"relative width of {WIDTH:g}; the loop is near the stability boundary, or has two equally high peaks; "
+        f"certificate: with {_BITS[-1]} bits and {_MOST_DELAYED} frequency intervals the relative width of a margin's "
+        f"enclosure is still above {WIDTH:g}; the loop is near the stability boundary, or has two equally high peaks; "
         "change the gain"
     )
 

@@ -133,8 +133,8 @@ def closed_loop_response(
         raise InputError(f"reference, disturbance, noise: not all of {steps.tolist()} are finite; give finite heights")
     if initial_plant_state is not None and not isinstance(plant, Rational):
         raise InputError(
-            f"initial plant state: the plant is a {type(plant).__name__}; give it as Rational, because the states are "
-            "those of realise(plant)"
+            f"initial plant state: the plant is a {type(plant).__name__}; give the plant as Rational, because the "
+            "states are those of realise(plant)"
         )
     systems = {"controller": controller, "actuator": actuator, "plant": plant}
     c, g, p = (Rational.from_control(system, name) for name, system in systems.items())
@@ -286,8 +286,9 @@ class Marcher:
         back, length = self._pieces(end)
         if not end / length < _MOST_PIECES:
             raise InputError(
-                f"time: {end:g} s is too long; for this dead time and these time constants the response is computed in "
-                f"intervals of {length:.3g} s, at most {_MOST_PIECES}; give a time <= {_MOST_PIECES * length:.3g} s"
+                f"time: {end:g} s is too long; for this dead time and these time constants the response is computed "
+                f"in intervals of {length:.3g} s, at most {_MOST_PIECES} of them; give a time <= "
+                f"{_MOST_PIECES * length:.3g} s"
             )
         where, inside = pieces_at(times, length)
         solution = self._solution(length)

@@ -158,8 +158,8 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
         if poles.size >= count and _confirmed(system, dead_time, poles, count):
             return poles[:count]
     raise SpectrumError(
-        f"the root count does not confirm the {count} rightmost closed-loop poles; ask for fewer, or "
-        f"check the scaling (dead time {dead_time:g} s, largest open-loop pole "
+        f"the number of computed closed-loop poles differs from the exact root count; compute fewer than {count} "
+        f"poles, or check the units (dead time {dead_time:g} s, largest open-loop pole "
         f"{np.abs(system.poles).max(initial=0):.3g} 1/s)"
     )
 

@@ -150,8 +150,8 @@ def operating_point(
     residual = _residual(functions, (speed, sigma, z, torque), p)
     if not residual <= _LARGEST_RESIDUAL:
         raise DomainError(
-            f"operating point at slip {slip:g}, {speed / KMH:g} km/h: adhesion {law.name!r} is not steady (residual "
-            f"{residual:.1e}, at most {_LARGEST_RESIDUAL:.0e}); correct its steady_state, at which state_rate must be 0"
+            f"operating point at slip {slip:g}, {speed / KMH:g} km/h: the steady_state of adhesion {law.name!r} is not "
+            f"steady (residual {residual:.1e}, at most {_LARGEST_RESIDUAL:.0e}); correct it: state_rate must be 0 there"
         )
     state = z if law.has_state else None
     return OperatingPoint(

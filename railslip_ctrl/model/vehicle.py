@@ -138,7 +138,7 @@ class Record(BaseModel):
 
         def __setattr__(self, name: str, value: object) -> None:
             raise InputError(
-                f"{type(self).__name__}: {name}: cannot be set; make a copy with model_copy(update={{{name!r}: ...}})"
+                f"{type(self).__name__}: {name} cannot be set; make a copy with model_copy(update={{{name!r}: ...}})"
             )
 
     @field_validator("*", mode="before")

@@ -109,7 +109,7 @@ def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
     for name in ("axles", "vehicle_id"):
         if getattr(keys, name) is not None:
             raise InputError(
-                f"{where}: {name}: used only with rolling_stock; remove it (mass is that of the quarter car)"
+                f"{where}: {name} is used only with rolling_stock; remove {name} (mass is that of the quarter car)"
             )
 
 
@@ -290,7 +290,7 @@ def _refuse_bombs(text: str, where: str, loader: Any) -> None:
             raise InputError(f"{where}: aliases ({alias}) are not read; replace each by its value")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:
-            raise InputError(f"{where}: is nested more than {_DEEPEST} levels deep; give a railtoolkit file")
+            raise InputError(f"{where}: the file is nested more than {_DEEPEST} levels deep; give a railtoolkit file")
 
 
 def _vehicles(content: Any, where: str) -> list[dict[Any, Any]]:
@@ -310,8 +310,8 @@ def _choose(vehicles: list[dict[Any, Any]], vehicle_id: str | None, where: str) 
     if vehicle_id is None:
         if len(vehicles) > 1:
             raise InputError(
-                f"{where}: contains {len(vehicles)} vehicles; write a TOML vehicle file with rolling_stock = this file "
-                f"and vehicle_id = one of {listed}"
+                f"{where}: the file contains {len(vehicles)} vehicles; write a TOML vehicle file with rolling_stock = "
+                f"this file and vehicle_id = one of {listed}"
             )
         return vehicles[0]
     matches = [one for one, its_id in zip(vehicles, ids, strict=True) if its_id == vehicle_id]

@@ -66,7 +66,10 @@ def _design(request: Request) -> tuple[str, dict[str, float], ReferenceSlip | No
     sent = request.get("design")
     kind, values, slips = map(sent.get, ("kind", "values", "reference")) if isinstance(sent, dict) else (None,) * 3
     if not isinstance(kind, str) or not isinstance(values, dict) or not isinstance(slips, dict | None):
-        raise InputError("design: give kind (a text), values (numbers by name) and reference (dry and wet)")
+        raise InputError(
+            "design: a part is missing or of a wrong type; give kind (a text), values (numbers by name) and "
+            "reference (dry and wet)"
+        )
     reference = slips and ReferenceSlip(**{rail: sized(f"{rail} slip", slip) for rail, slip in slips.items()})
     return kind, {name[:60]: sized(name[:60], value) for name, value in values.items()}, reference or None
 

@@ -143,7 +143,7 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
             failures = tuple(str(run.outcome) for run in runs if not run.stopped)
             results.append(CaseResult(setup, np.array(values), failures))
             if progress is not None:
-                progress(f"{setup.case.name}: {len(runs)} runs ({len(results)} of {len(setups)} setups)")
+                progress(f"{setup.case.name}: {len(runs)} runs done (setup {len(results)} of {len(setups)})")
     return tuple(results)
 
 

@@ -55,10 +55,7 @@ _AXES = {
     "lag_s": "lag, s",
 }
 MS_TO_WARN = 10.0
-"""Worst Ms with tolerances above which the first page warns, a ratio.
-
-At a larger Ms an error of 10 % in the loop gain may make a loop unstable.
-"""
+"""Worst Ms with tolerances above which the first page warns, a ratio; a 10 % gain error may then cause instability."""
 
 _RANKED = {
     "distance": f"shortest mean stop (within {100 * TIE:g} %: smallest worst Ms, then least air)",
@@ -112,10 +109,7 @@ def _headline(report: DesignReport) -> str:
 
 
 def used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
-    """Speed, km/h, above which a controller qualifies and controls slip.
-
-    None if the controller does not qualify, or if no stops were simulated with it (`ran` is None).
-    """
+    """Speed, km/h, above which a controller qualifies and controls slip; None if it does not qualify or did not run."""
     if ran is None or ran.above_kmh is None:
         return None
     if ran.judgement is None:
@@ -157,10 +151,7 @@ def _why(report: DesignReport) -> Iterator[str]:
 
 
 def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """Lines (heading, text): why this candidate is chosen, the second best candidate, and the stops.
-
-    If no candidate qualifies, a remedy replaces the second best.
-    """
+    """Lines (heading, text): why this candidate is chosen, the second best candidate, and the stops."""
     if not report.trials:
         return
     best, good = report.trials[0], report.qualified
@@ -325,10 +316,7 @@ def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
-    """Rows of the first page's table: quantity, its worst value, and the case in which this value occurs.
-
-    Only speeds at which the design is used count. There are at most ten rows.
-    """
+    """Rows of the first page's table: quantity, worst value where the design is used, and the case of this value."""
     judged = report.in_use
     if judged is None:
         point, limits = max(report.limits, key=lambda item: item[1].ms_bound)
@@ -355,10 +343,7 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
 
 
 def _over_attainable(trial: Trial) -> str:
-    """Text that says by how many percent the nominal stops, added up, are longer than the attainable stops.
-
-    Stops whose attainable stop is unknown are left out.
-    """
+    """Text that says by how many percent the nominal stops, added up, are longer than the attainable stops."""
     known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
     if not known or any(not run.stopped for stop in known for run in stop.runs):
         return ""
@@ -380,10 +365,7 @@ def _distance(stop: Stop) -> str:
 
 
 def _over(stop: Stop) -> str:
-    """Text that says by how many percent a stop is longer than the attainable stop.
-
-    If the attainable stop is unknown, the bound replaces it; if both are unknown, the text is empty.
-    """
+    """Text that says by how many percent a stop is longer than the attainable stop, or than the bound without one."""
     if stop.bound is None or math.isnan(stop.over_bound):
         return ""
     if stop.attainable is None or math.isinf(stop.attainable.braking_distance):
@@ -554,10 +536,7 @@ def _candidates(report: DesignReport) -> Section:
 
 
 def _same(choice: StructureChoice, other: StructureChoice) -> bool:
-    """True if two candidates have the same structure, share of the reference slip, and lead filter.
-
-    Their objects may differ, because a design can be judged twice.
-    """
+    """True if two candidates have the same structure, share of the reference slip, and lead filter."""
     names = ("structure", "reference_factor", "lead_filter")
     return all(getattr(choice, name) == getattr(other, name) for name in names)
 
@@ -805,10 +784,7 @@ def _speed(speed: float | None) -> str:
 
 
 def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str:
-    """First page of the report as text, followed by `rest`.
-
-    `rest` lists the other files, and gives the command with which a user can repeat a stop.
-    """
+    """First page of the report as text, followed by `rest`, which lists the other files."""
     file = f"   {first.file}" if first.file else ""
     parts: list[RenderableType] = [
         heading(f"{first.title}   railslip_ctrl {__version__}, {report.date.isoformat()}"),

@@ -49,7 +49,10 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     """
     kinds = {event.time is None for event in scenario.events}
     if len(kinds) > 1:
-        raise InputError("events: some have a time, others a distance; for the bound give times only or distances only")
+        raise InputError(
+            "events: some have a time, others a distance; to compute the bound of a stop, give times only or distances "
+            "only"
+        )
     by_distance = kinds == {True}
     places = sorted({event_position(event) for event in scenario.events})
     state, start = np.array([scenario.initial_speed, 0.0]), 0.0
@@ -148,7 +151,10 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
     """
     limits = scenario.limits
     if limits.torque_max is None or limits.rate is not None or scenario.events:
-        raise InputError("scenario: the attainable stop needs a largest torque, no rate limit and no events")
+        raise InputError(
+            "scenario: the attainable stop cannot be computed without a largest torque, or with a rate limit or "
+            "events; change the scenario"
+        )
     path = _Path(scenario)
     latest = path.latest
     first = scenario.vehicle.actuator.dead_time

@@ -55,7 +55,7 @@ def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tu
         for file, content in zip(written, (program.source, program.header), strict=True):
             file.write_text(content, "utf-8")
     except OSError as error:
-        raise InputError(f"{file_name(path)}: cannot be written ({error.strerror}); give another path") from None
+        raise InputError(f"{file_name(path)} cannot be written ({error.strerror}); give another path") from None
     return written
 
 

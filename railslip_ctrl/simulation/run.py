@@ -131,7 +131,7 @@ class Noise(NamedTuple):
             raise InputError(f"{file_name(path)}: no such file; check the path") from None
         except (OSError, EOFError, ValueError, LookupError, AttributeError, TypeError, BadZipFile):
             raise InputError(
-                f"{file_name(path)}: has no random numbers of a run; give a seed, or a file from campaign --rare"
+                f"{file_name(path)} has no random numbers of a run; give a seed, or a stop.npz of campaign --rare"
             ) from None
 
 
@@ -204,7 +204,7 @@ class Run:
         InputError for a run that was not recorded.
         """
         if self.signals is None:
-            raise InputError("run: has no time series; simulate with record_every=1")
+            raise InputError("run: its time series were not recorded; simulate with record_every=1")
         plots = import_module("railslip_ctrl.report.plots.runs")  # imported here, because `report` imports this
         return plots.simulation_figure(self)
 

@@ -190,7 +190,7 @@ class Scenario(Record):
         if both_kinds and any(event.rail is None or event.adhesion_factor is None for event in of_adhesion):
             raise InputError(
                 "events: some change the adhesion at a time, others at a distance, and their order is not known; give "
-                "rail and adhesion_factor in each of these events"
+                "both rail and adhesion_factor in each of these events, so that the last one alone sets the adhesion"
             )
         return self
 
@@ -365,7 +365,8 @@ def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
     made = Scenario(**{name: value for name, value in read.given().items() if name in Scenario.model_fields})
     for name in read.changes:
         if name not in (known := numbers(made)):
-            raise InputError(f"{where}: changes: {name!r} is not a number of the scenario; {close_match(name, known)}")
+            near = close_match(name, known).rstrip() or f"give one of {', '.join(known)}"
+            raise InputError(f"{where}: changes: {name!r} is not a number of the scenario; {near}")
     return replaced(made, read.changes, where) if read.changes else made
 
 

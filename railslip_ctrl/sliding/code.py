@@ -185,7 +185,7 @@ def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, .
     """Return the parameter values of `law` by rail condition; InputError if `derivation` was made with another law."""
     if derivation.adhesion != law.name:
         raise InputError(
-            f"law: {law.name!r} is not the adhesion law of the derivation, {derivation.adhesion!r}; call "
+            f"law: the derivation has the adhesion law {derivation.adhesion!r}, not {law.name!r}; call "
             f"derive(law={law.name!r})"
         )
     fields: list[tuple[str, Any]] = [(name, getattr(law, name)) for name in law.parameter_names()]

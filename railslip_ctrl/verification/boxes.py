@@ -92,7 +92,9 @@ def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **f
     for function in {type(one) for each in exact for one in each.atoms(sp.Function)}:
         if function.__name__ not in known:
             name = function.__name__
-            raise InputError(f"adhesion: {name} has no interval enclosure; give a law that does not use {name}")
+            raise InputError(
+                f"adhesion: the function {name} has no interval arithmetic here; give a law without {name}"
+            )
     made: Callable[..., Any] = sp.lambdify(list(arguments), exact, modules=[known], cse=True)
     return made
 
@@ -105,7 +107,7 @@ def _exact(expression: sp.Expr) -> sp.Expr:
         parts: list[sp.Expr] = []
         for value, condition in one.args[:-1]:
             if not isinstance(condition, (sp.Le, sp.Lt, sp.Ge, sp.Gt)):
-                raise InputError(f"adhesion: the condition {condition} is not supported; use <= or >=")
+                raise InputError(f"adhesion: the condition {condition} of a Piecewise is not supported; use <= or >=")
             parts += [value, condition.gts - condition.lts]
         return pieces(*parts, one.args[-1][0])
 

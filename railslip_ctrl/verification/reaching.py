@@ -260,7 +260,10 @@ def required_gain() -> Callable[..., Any]:
     rest = sp.expand(rest.subs({_e: (_lambda - _SLIP) * plant.v, plant.omega: wheel_speed}))
     # if rest and slope are linear in q, K = -rest/slope is monotone in q
     if any(sp.diff(rest, x, 2) != 0 for x in (*BOX_VARIABLES, _FRACTION)) or sp.diff(slope, _FRACTION, 2) != 0:
-        raise ArithmeticError("K: the bound is not affine in each variable of the box; the plant has been changed")
+        raise ArithmeticError(
+            "K: the gain that (40) of [Park2008] requires is not affine in each variable of the box, because the plant "
+            "was changed; adapt the proof"
+        )
     made: Callable[..., Any] = sp.lambdify([*BOX_VARIABLES, *_PARAMETERS], -rest / slope, "numpy", cse=True)
     return made
 

@@ -60,7 +60,9 @@ def effective_disturbance() -> sp.Expr:
     """Derive d of s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), m/s^2; ArithmeticError if d contains s, D or K."""
     effective = sp.expand((reaching.effective_rate(derive(), SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))) / SHARE)
     if effective.has(s, D, K, *TILDE):
-        raise ArithmeticError("the effective disturbance depends on s, D or K; the plant or the law has been changed")
+        raise ArithmeticError(
+            "the effective disturbance depends on s, D or K, because the plant or the law was changed; adapt the proof"
+        )
     return effective
 
 

@@ -261,7 +261,7 @@ def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
     if "initial_speed" not in slips:
         return slips
     if speed is None:
-        raise InputError(f"{where}: reference_slip depends on the initial speed; give this speed (km/h)")
+        raise InputError(f"{where}: reference_slip depends on the initial speed; give initial_speed_kmh (km/h)")
     over = validated(SlipsOverSpeed, slips, f"{where}: reference_slip")
     return {rail: float(np.interp(speed, over.initial_speed, getattr(over, rail))) for rail in ("dry", "wet")}
 
@@ -269,12 +269,12 @@ def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
 def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
     """Initial speed v0, km/h; InputError if it is missing or outside the range of the polynomials."""
     if speed is None:
-        raise InputError(f"{where}: polynomials depend on the initial speed; give this speed (km/h)")
+        raise InputError(f"{where}: polynomials depend on the initial speed; give initial_speed_kmh (km/h)")
     low, high = keys.initial_speed_range or (0.0, math.inf)
     if not low * (1 - _ROUNDING) <= speed <= high * (1 + _ROUNDING):
         raise InputError(
             f"{where}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g} km/h, the range in "
-            "which the polynomials of the law hold; give a speed inside"
+            "which the polynomials of the law are valid; give a speed inside"
         )
     return speed
 

@@ -186,7 +186,7 @@ class AdhesionLaw(Record):
         if not self.wet_factors:
             raise InputError(
                 f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors, and the law has none; "
-                "define them in its class"
+                "define wet_factors in the class of the law"
             )
         halvings = math.log(factor) / math.log(0.5)
         update = {name: getattr(self, name) * half**halvings for name, half in self.wet_factors.items()}

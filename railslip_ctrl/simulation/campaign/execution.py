@@ -217,7 +217,7 @@ class Store:
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
-                f"{where}: has the results of another campaign; choose another folder, or give that other campaign"
+                f"{where} has the results of another campaign; choose another folder, or give that other campaign"
             )
         return cls(campaign, folder, size)
 
@@ -311,12 +311,12 @@ class Store:
             table = pq.ParquetFile(path).read(columns)
         except (OSError, pa.ArrowInvalid) as error:
             raise InputError(
-                f"{path}: cannot be read ({' '.join(str(error).split())}); delete the file and run the campaign again"
+                f"{path} cannot be read ({' '.join(str(error).split())}); delete the file and run the campaign again"
             ) from None
         expected = (part.stop - part.start) * len(self.campaign.controllers)
         if table.num_rows != expected:
             raise InputError(
-                f"{path}: has {table.num_rows} rows instead of {expected}; delete the file and run the campaign again"
+                f"{path} has {table.num_rows} rows instead of {expected}; delete the file and run the campaign again"
             )
         return table
 
@@ -527,8 +527,8 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
         for column, value in before.items():
             if again[column] != value and not (campaign.device == "gpu" and _close(again[column], value)):
                 raise InputError(
-                    f"run {i}, {name}: {column} is {again[column]!r}, but the folder has {value!r}; replay the run on "
-                    "the machine of the campaign, with the same versions"
+                    f"run {i}, {name}: {column} is {again[column]!r} in the repeated run, but {value!r} in the folder; "
+                    "replay the run on the machine of the campaign, with the same versions"
                 )
     return Replay(i, case.values, runs, bool(stored))
 

@@ -343,8 +343,8 @@ class _Study:
         if not any(row.size for row in finite):
             raise InputError(
                 f"{self.event.measure}: no stop reached the final speed within longest_time "
-                f"{self.stops.campaign.scenario.longest_time:g} s with allowed values; give a longer time, or narrower "
-                "distributions"
+                f"{self.stops.campaign.scenario.longest_time:g} s with allowed values of the varied quantities; give a "
+                "longer time, or narrower distributions"
             )
         x = np.unique(np.concatenate([np.quantile(row, np.linspace(0.005, 0.995, 100)) for row in finite if row.size]))
         first = np.sort(rows[0])[::-1]

@@ -644,7 +644,7 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
     gains = None if keys.kp is None or keys.ki is None else PIGains(kp=keys.kp, ki=keys.ki)
     if keys.controller.lower().endswith((".toml", ".py")):
         for key in sorted(keys.model_fields_set - {"controller", "name"}):
-            raise InputError(f"{key}: is not allowed with the controller file {keys.controller}; set it in that file")
+            raise InputError(f"{key} is not allowed with the controller file {keys.controller}; set {key} in that file")
         path = beside / keys.controller
         loaded = load_controller(path, initial_speed=scenario.initial_speed)
         control = as_control(loaded, scenario.believed_vehicle, scenario.adhesion.reference, path.stem)
@@ -665,7 +665,9 @@ def _quantity(keys: QuantityKeys, nominal: Campaign) -> Quantity:
     paths = (keys.path,) if isinstance(keys.path, str) else tuple(keys.path)
     units = {nominal.number_at(path).unit for path in paths}
     if len(units) > 1 and not keys.relative:
-        raise InputError(f"path: {', '.join(paths)} have different units; give one table for each, or relative = true")
+        raise InputError(
+            f"path: {', '.join(paths)} have different units; write one [[quantity]] table for each, or relative = true"
+        )
     unit = "1" if keys.relative else units.pop()
     return Quantity(paths, _distribution(keys, unit), keys.relative)
 
