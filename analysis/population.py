@@ -4,6 +4,15 @@ It is compared with slide protection, which does not know the rail either, and w
 that knows vehicle, adhesion law and slip of the peak. Its reference is 80 % of this slip, and its ki is the largest
 with Ms <= 2.
 
+In 1000 stops (seeds 9000 to 9999), without errors and with errors in half of the stops:
+
+- Half of the seeking controller's stops are at most 8.1 % (8.8 % with errors) longer than the attainable stop, 95 of
+  100 at most 31 % (35 %). The wheel locks above the hand-over speed in 0.9 % (1.2 %) of them.
+- The excess is largest with a narrow peak, or with a heavy car that hands over above 40 km/h.
+- The PI-lead, which knows the rail, has a median of 6.8 % (9.9 %), but 5 of 100 stops take more than twice the
+  attainable distance, and 3.4 % (4.3 %) lock.
+- Slide protection has a median of 79 %, and locks in 31 % of the stops.
+
 Each seed gives a random vehicle and a random rail. Each stop, from 100 to 5 km/h, is compared with the attainable stop,
 or with the clairvoyant stop if the rail changes during the stop. In the second half of the table, every second stop has
 errors of the sensors, the brake and the assumed vehicle. A third argument may be the name of one of the
