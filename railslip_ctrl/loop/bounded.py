@@ -98,14 +98,18 @@ class BoundedLoop(Loop):
 
     def phase(self, omega: ArrayLike) -> Floats:
         omega = numbers("omega", omega, "rad/s", gt=0)
-        nodes = np.union1d(self._nodes, omega)
-        angles = np.concatenate([self._first_phase(nodes[:1]), np.angle(self.response(nodes))])
-        return np.asarray(np.unwrap(angles)[1:][np.searchsorted(nodes, omega)])
+        both = np.concatenate([self._nodes, omega.ravel()])
+        order = np.argsort(both, kind="stable")
+        angles = np.angle(np.concatenate([self._at_nodes[0], self.response(omega.ravel())]))
+        first = self._first_phase(both[order[:1]])
+        phase = np.empty(both.size)
+        phase[order] = np.unwrap(np.concatenate([first, angles[order]]))[1:]
+        return np.asarray(phase[self._nodes.size :].reshape(omega.shape))
 
     @cached_property
     def gain_crossovers(self) -> Floats:
         nodes = self._nodes
-        size = np.log(np.abs(self.response(nodes)))
+        size = np.log(np.abs(self._at_nodes[0]))
         certain = np.abs(size) > ROUNDING  # below it the sign is rounding, as at low frequency if L(0) = 1
         return self._roots(nodes[certain], size[certain], lambda value: np.log(np.abs(value)))
 
@@ -116,7 +120,7 @@ class BoundedLoop(Loop):
         The interval contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
         """
         nodes = self._nodes
-        factors = sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes)))
+        factors = sorted(factor for factor, _ in self._gain_limits(nodes, self._at_nodes[0]))
         for (low, high), _ in by_distance(factors, range(len(factors) + 1)):
             inside = math.sqrt(low * high) if low > 0 and high < math.inf else (0.5 * high if low == 0 else 2 * low)
             if self.scaled(1.0 if math.isinf(inside) else inside).is_stable():
@@ -133,7 +137,7 @@ class BoundedLoop(Loop):
         if not self.is_stable():
             raise unstable_error(*self._unstable_description(), self.root_count.right, self.stabilizing_gain_range)
         nodes = self._nodes
-        response, slope = self.response_and_slope(nodes)
+        response, slope = self._at_nodes
         crossovers, limits = self.gain_crossovers, self._gain_limits(nodes, response)
         up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
         down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
@@ -187,6 +191,11 @@ class BoundedLoop(Loop):
             omega, half = places[1::2].ravel(), np.tile(half, _PARTS)
         return np.asarray(np.sort(np.concatenate(nodes)))
 
+    @cached_property
+    def _at_nodes(self) -> tuple[Complexes, Complexes]:
+        """L and d ln L/d omega at the nodes."""
+        return self.response_and_slope(self._nodes)
+
     def _at_ends(self) -> Floats:
         """|S|, |T| and |S - 1/2| at frequency 0, and at infinity if the axis reaches there; |L| is limited to 1e100."""
         values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
@@ -195,7 +204,8 @@ class BoundedLoop(Loop):
     def _roots(self, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
         """Refined frequencies, rad/s, at which a real function of L changes sign; `values`: function at the `nodes`."""
         at = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
-        return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
+        ends = values[at], values[at + 1]
+        return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1], ends)
 
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
         """Loop-gain factors that put a pole on the stability boundary, each with the frequency of the pole, rad/s."""
@@ -214,7 +224,8 @@ class BoundedLoop(Loop):
         def rise(omega: Floats, index: NDArray[np.intp]) -> Floats:
             return responses(*self.response_and_slope(omega))[1][kinds[index], np.arange(index.size)]
 
-        refined = bracketed_roots(rise, nodes[left], nodes[left + 1])
+        at_ends = rises[kinds, left], rises[kinds, left + 1]
+        refined = bracketed_roots(rise, nodes[left], nodes[left + 1], at_ends)
         tops = heights(self.response_and_slope(refined)[0])
         ends = self._at_ends()
         return top_of(np.hstack([ends, tops, sizes]), np.concatenate([_ENDS[: ends.shape[1]], refined, nodes]))

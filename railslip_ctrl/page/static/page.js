@@ -5,7 +5,7 @@ const $ = (id) => document.getElementById(id);
 const make = (tag, given) => Object.assign(document.createElement(tag), given);
 const copyOf = structuredClone;
 const CLIENT = Math.random().toString(36).slice(2);
-const SHORT_WAIT = 110, LONG_WAIT = 350; // ms without a change before a request is sent: quick requests (longer than between two frames of a drag), slow requests
+const SHORT_WAIT = 100, LONG_WAIT = 350; // ms without a change before a request is sent: quick requests (longer than between two frames of a drag), slow requests
 const RETRY = 1000; // ms before a request is repeated if the server is busy or does not answer
 const STEPS = 1000, REACH = 10; // steps of a slider; its logarithmic scale covers the first value divided and multiplied by REACH
 const SHOWN = 6; // number of sliders shown; the others are under "More parameters"
