@@ -41,7 +41,7 @@ PRINTED = {
     "designs/predictive_sliding": (2, "kappa 1.8 1/s, k 2 1/s, K 4549 N*m/s, phi 511.8 N*m", "stable from 60 km/h up",
         "hands over below 14 km/h", "reaching within the torque limits proved over the box", "authority counterexample",
         "brake gain 5.47 % reaching within the torque limits", "lowest speed 40.1 km/h", "release certified at 8",
-        "dry 178.5 m 179.5 m 1.00 84.0 % of samples 14 to 30 km/h", "wet 285.1 m 284.8 m 0.11 90.5 %"),
+        "dry 178.4 m 179.5 m 1.00 84.0 % of samples 14 to 30 km/h", "wet 285.0 m 284.6 m 0.11 90.5 %"),
     "designs/asmc_published": (1, "gain on e: (J/r) rho + D 221.6 N m/(m/s), with (J/r) rho = 216.1",
         "gain on the integral of e: D rho 8.5", "gain on e: (J/r) rho + D 783.6",
         "least K, at e = 0 , 1 and 3 sigma 484.5 and 910.6 N m", "least K, whole run, 1 and 3 sigma 887.2 and",
@@ -96,8 +96,8 @@ def test_seeking_campaign(capsys, monkeypatch):
     believed = [stop for stop in stops if stop.law in ("curve", "bristle", "beam") and stop.brake == 1.0]
     assert np.median([stop.over for stop in believed]) < 7.0
     assert max(stop.over for stop in believed) < 13.0
-    # bristles swing, in slip the more the slower the train is, and lock at last
-    assert not any(stop.locked_at_kmh > 3 for stop in stops if stop.law in module.LAWS[:3])
+    # bristles swing, in slip the more the slower the train is, and lock at last; with a slow brake curve does, at 6 km/h
+    assert not any(stop.locked_at_kmh > 6 for stop in stops if stop.law in module.LAWS[:3])
     steep = [stop.over for stop in stops if (stop.law, stop.rails, stop.brake) == ("polach", "dry", 1.0)]
     assert np.median(steep) < 20.0  # 13 of these four stops; 35 where the end of the start sets no reference slip
 
