@@ -96,7 +96,7 @@ def test_seeking_campaign(capsys, monkeypatch):
     believed = [stop for stop in stops if stop.law in ("curve", "bristle", "beam") and stop.brake == 1.0]
     assert np.median([stop.over for stop in believed]) < 7.0
     assert max(stop.over for stop in believed) < 13.0
-    # bristles swing, in slip the more the slower the train is, and lock at last; curve does at 6 km/h, with a slow brake
+    # bristles swing, in slip the more the slower the train is, and lock at last; curve does with a slow brake
     assert not any(stop.locked_at_kmh > 6 for stop in stops if stop.law in module.LAWS[:3])
     steep = [stop.over for stop in stops if (stop.law, stop.rails, stop.brake) == ("polach", "dry", 1.0)]
     assert np.median(steep) < 20.0  # 13 of these four stops; 35 where the end of the start sets no reference slip
