@@ -400,7 +400,7 @@ def envelope_text(envelope: Envelope) -> str:
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
     """Yield name, value and case of the worst Ms and of the smallest margins.
 
-    Only speeds above which every loop is stable count, unless there are none.
+    They are taken from the lowest speed up from which every loop is stable; from all speeds if there is none.
     """
     name, value, where = worst_cells(judged.worst)
     yield f"Worst {name}", value, where
