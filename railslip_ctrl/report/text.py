@@ -400,7 +400,7 @@ def envelope_text(envelope: Envelope) -> str:
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
     """Yield name, value and case of the worst Ms and of the smallest margins.
 
-    They are taken from the lowest speed up from which every loop is stable; from all speeds if there is none.
+    Only speeds from `usable_from_kmh` up are considered; all speeds if it is None.
     """
     name, value, where = worst_cells(judged.worst)
     yield f"Worst {name}", value, where
