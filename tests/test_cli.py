@@ -102,7 +102,7 @@ SEEDS = "give a whole number from 2 to 100000"
     (f"margins --adhesion beam --slip {3 * 0.261 * 34500 / 274360!r} --rail dry", "kink"),
     ("margins --inertia-scale 0", "--inertia-scale: 0 is not allowed; give a value > 0"),
     ("margins --dead-time -1", "--dead-time: -1 s is not allowed; give a value >= 0 s"),
-    ("margins --vehicle .", "--vehicle: '.' is not a file; give its path"),
+    ("margins --vehicle .", "--vehicle: '.' is not a file; give the path of a file"),
     ("margins --nonsense", "--nonsense"),
     ("margin", "'margin'; did you mean 'margins'?"),
     ("xyzzy", "'xyzzy'; choose one of report, "),

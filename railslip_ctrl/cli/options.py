@@ -479,7 +479,7 @@ def naming(option: str, make: Callable[[], R]) -> R:
 def from_file(option: str, path: Path, load: Callable[[Path], R]) -> R:
     """Return `load(path)`; if it raises an error, begin the message with the name of the `option`."""
     if str(path) in ("", "."):
-        raise InputError(f"{option}: {str(path)!r} is not a file; give its path")
+        raise InputError(f"{option}: {str(path)!r} is not a file; give the path of a file")
     return naming(option, lambda: load(path))
 
 

@@ -366,7 +366,7 @@ class Controller(Record):
         return {}
 
     def outside_numbers(self, situation: Situation) -> Mapping[str, Any]:
-        """Parameters, by name, that only the functions of the assumed adhesion law read in a `situation`."""
+        """Parameters by name that the functions of the adhesion law in `situation` read, but `step` does not read."""
         return {}
 
     @property

@@ -278,7 +278,7 @@ def is_function(thing: Any) -> bool:
 
 
 def is_system(controller: Any) -> bool:
-    """Return True for a linear system; systems of python-control and SciPy are known by inputs and a `dt`."""
+    """Return True for a linear system; python-control and SciPy systems are recognized by their inputs and `dt`."""
     has_inputs = hasattr(controller, "ninputs") or hasattr(controller, "inputs")
     return (has_inputs and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
 

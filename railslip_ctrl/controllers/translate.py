@@ -88,7 +88,7 @@ class Function:
 
 
 def outside(function: F) -> F:
-    """Mark a function that `step` calls as not translated: every translation must define this function by itself."""
+    """Exclude a `function` that `step` calls from translation; each translated program must contain its own version."""
     function.__dict__["is_outside"] = True
     return function
 

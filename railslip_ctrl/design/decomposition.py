@@ -344,7 +344,7 @@ class Decomposition:
         return 1 + self.derivative_time * self._derivative(omega) if self.derivative_time else 1.0
 
     def slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Floats]:
-        """Return dR/d omega, dA/d omega and |R - B| + |B|."""
+        """Return dR/d omega, dA/d omega and |R - B| + |B|, which bounds rounding errors of R, at omega, rad/s."""
         delayed = self._delayed(omega)
         d_slope = 1j / (1 + 1j * omega * self.derivative_filter) ** 2
         slope = delayed * (1j * self.dead_time - self.plant.log_slope(omega)) + self.derivative_gain * d_slope
@@ -445,7 +445,7 @@ class Decomposition:
 
     @property
     def _rational(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
-        """Polynomials a, b and the denominator of B; exp(tau s) a/b is R - B, divided by Re A unless A is 1."""
+        """Polynomials a, b and the denominator of B: exp(tau s) a/b is R - B if B is not 0, and R/Re A if B is 0."""
         den, num, lag, lead = self._polynomials
         if self.derivative_gain:
             return den, num, lag

@@ -325,7 +325,7 @@ def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Act
 
 
 def _remedies(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: float) -> Iterator[str]:
-    """Yield remedies for an infeasible specification as text: only higher speeds, a smaller slip, a faster brake."""
+    """Yield remedies for an infeasible specification as text: leave out low speeds, reduce slip, speed up the brake."""
     brake, points = envelope.vehicle.actuator, envelope.points(nominal=True)
     plants, slips, delayed = operating_plants(points), common_reference(envelope, points), _with_hold(brake, period)
     lowest = _feasible_from(tuned_at, plants, delayed)

@@ -161,9 +161,10 @@ class Judgement:
     def sampled_ms(self) -> Floats:
         """Ms of the sampled loop of each case, (n,), inf if the loop is unstable; NaN where it is not computed.
 
-        If `as_it_runs` is true, Ms is computed in all cases. For another continuous controller with a sampling period
-        it is computed at every operating point, and at each speed in the cases with the largest Ms and the smallest
-        delay margin, which sampling affects most. For any other controller all values are NaN.
+        If `as_it_runs` is true, Ms is computed in all cases. If it is false and the controller is continuous with a
+        sampling period, Ms is computed at every operating point. At each speed it is also computed in the three cases
+        with the largest Ms and in the case with the smallest delay margin, because sampling affects these most. For
+        any other controller all values are NaN.
         """
         ms = np.full(len(self.points), np.nan)
         if self.as_it_runs:

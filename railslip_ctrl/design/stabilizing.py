@@ -254,7 +254,10 @@ class StabilizingRegion(Region):
 
     @cached_property
     def is_empty(self) -> bool:
-        """True if no gains stabilise. It can be False although `kp_range` is None: then only larger ki stabilise."""
+        """True if no gains stabilise.
+
+        If it is False and `kp_range` is None, only ki = 0 or values of ki above a positive limit stabilise.
+        """
         return not self.p_intervals and self._island is None
 
     def ki_intervals(self, kp: float) -> Intervals:

@@ -579,7 +579,7 @@ class Parameter:
 
     @property
     def remark(self) -> str:
-        """Note if the parameter rests on a bound or its interval is unbounded; else empty."""
+        """Text that says that the parameter is at a bound or its interval is unbounded; empty if neither is true."""
         low, high = self.interval
         if self.is_unconstrained:
             return f"{self.name}: this log does not determine it"

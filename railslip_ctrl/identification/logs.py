@@ -196,7 +196,7 @@ def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
 
 
 def _names(cell: str, quantity: str) -> set[str]:
-    """Names by which a header cell can be the column of a quantity: the whole cell, and the cell without its unit."""
+    """Names to compare with the names of a quantity: the text of a header cell, whole and without its unit."""
     name, texts = _split(cell)
     if _plain(name) == "n" and not (any(is_unit(t, quantity) for t in texts) if texts else quantity == "wheel_load"):
         return set()  # n may be the angular speed or the load; for example n [1/min] is not the load

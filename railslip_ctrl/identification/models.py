@@ -100,7 +100,7 @@ class Coordinates:
         return x
 
     def values(self, x: Floats) -> Floats:
-        """Convert coordinates to parameter values."""
+        """Convert the search coordinates `x`, (n,), to parameter values."""
         values = np.array(x, dtype=float)
         if self.pair is not None:
             b, g = self.pair

@@ -204,7 +204,7 @@ class Loop(ABC):
         """
 
     def is_stable(self) -> bool:
-        """True if every closed-loop pole is stable; of a neutral loop all of its infinitely many poles count."""
+        """True if every closed-loop pole is stable, including all of the infinitely many poles of a neutral loop."""
         return self.root_count.stable
 
     @property

@@ -256,7 +256,7 @@ class _PeakSearch:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Compute u, v and w for each peak, once for L and once for 1/L.
+        """Compute the numbers u, v and w of the class's condition for each peak, once for L and once for 1/L.
 
         Also compute two limits of |L|: where |L| is below the first or above the second, no higher peak is possible.
         """

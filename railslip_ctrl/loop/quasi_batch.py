@@ -94,7 +94,7 @@ class QuasiPolynomials:
         return QuasiPolynomials(tuple(parts), self.delays, self.removed + 1 if self.removed else 0)
 
     def size(self, radius: Floats, row: Rows, least: Floats | float = 0.0) -> Floats:
-        """Upper bound on |F(s)| of the functions number `row`, for all s with least <= |s| <= radius and Re s >= 0.
+        """Upper bound on |F(s)| for all s with least <= |s| <= radius and Re s >= 0, of the functions with index `row`.
 
         `radius` and `least`: 1/s.
         """

@@ -167,8 +167,8 @@ def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
     state = np.asarray(given, dtype=float)
     if state.shape != (plant_order,) or not np.isfinite(state).all():
         raise InputError(
-            f"initial plant state: shape {np.shape(given)} or a value is not allowed; give finite values of "
-            f"shape ({plant_order},), one per state of the plant"
+            f"initial plant state: the array has shape {np.shape(given)} or a value that is not finite; give finite "
+            f"values of shape ({plant_order},), one per state of the plant"
         )
     start[order - plant_order :] = state
     return start
@@ -331,9 +331,10 @@ class Marcher:
         return states, commands[:count]
 
     def _solution(self, length: float) -> tuple[Floats, Floats]:
-        """Matrix and constant that give the states at the nodes of a piece: matrix [x0; w at the nodes] + constant.
+        """Matrix M and constant c with which M [x0; w] + c are the states at the nodes of a piece of a `length`, s.
 
-        x0 are the states at the start of the piece. The shapes are (nodes, n, n + nodes) and (nodes, n). The equations
+        x0 are the states at the start of the piece, and w is the delayed command at its nodes. The shapes of M and c
+        are (nodes, n, n + nodes) and (nodes, n). The equations
         are used in integrated form, x = x0 + integral of (a x + b w + e v), because differentiation amplifies rounding.
         """
         eq, n = self._equations, self._equations.a.shape[0]

@@ -480,7 +480,7 @@ class BoxedResponse:
     def bend(self, fraction: Floats, half: Floats) -> Floats:
         """Upper bound on the deviation of each component of G from its linear expansion, (n, order).
 
-        The bound holds where the fraction differs from `fraction`, (n,), by at most `half`, (n,).
+        The bound holds for all fractions of a sampling period within `half` of `fraction`, both (n,).
         """
         from scipy.linalg import expm
 
@@ -695,9 +695,9 @@ def _next_turns(
 
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
-    """The part of each box that the Newton step and its largest error allow for a root.
+    """The part of each box in which a root can be, according to the Newton step and its largest error.
 
-    It is valid for the present number of turns only.
+    It is valid only for `boxes.turns`, the number of turns with which the step was computed.
     """
 
     def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:

@@ -60,7 +60,7 @@ class Dispatcher:
 
     @contextmanager
     def opened(self) -> Iterator[Dispatcher]:
-        """Start the processes for slow requests; a thread if another process cannot import a class of the user."""
+        """Start processes that answer slow requests, or a thread if they could not import a class of the user."""
         with processes(1) as medium, processes(2) as slow, ThreadPoolExecutor(1) as thread:
             answer = partial(_answer_in_process, self._sent) if self._sent else partial(encoded_answer, self.bench)
             pools = ((1, medium), (2, slow)) if self._sent else ((1, thread.submit), (1, thread.submit))

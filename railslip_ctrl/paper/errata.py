@@ -509,7 +509,7 @@ def _least_time(scale: float, v0: float, v1: float) -> float:
 
 
 def errata(derivation: Derivation) -> tuple[Erratum, ...]:
-    """All comparisons, including those that agree: adhesion and observer, then law, then numbers."""
+    """Compare the printed equations with ours: adhesion and observer, then the sliding-mode law, then the numbers."""
     return (
         *(_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer()),
         compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,)),

@@ -265,7 +265,7 @@ class SensitivityRow:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Effect of each alternative to the interpretation (the "reading") on Table 5, with the same seeds.
+    """Results for Table 5 with our interpretation of the paper (the "reading") and with each alternative; same seeds.
 
     - base: results of the reading, one for each of the four columns of Table 5.
     - rows: results of the alternatives.

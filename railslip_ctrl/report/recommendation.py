@@ -543,7 +543,7 @@ def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[Unjudge
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
-    """Limits for any controller, at the operating point of each rail and load where the bound of Ms is largest."""
+    """Limits of any controller for each rail and load, at the operating point with the largest lower bound of Ms."""
     points = judgement.points
     operating = points.plant[points.operating].tolist()
     result: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}

@@ -400,7 +400,7 @@ def envelope_text(envelope: Envelope) -> str:
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
     """Yield name, value and case of the worst Ms and of the smallest margins.
 
-    Only speeds above which every loop is stable count, unless there are none.
+    Only speeds from `usable_from_kmh` up are considered; all speeds if it is None.
     """
     name, value, where = worst_cells(judged.worst)
     yield f"Worst {name}", value, where

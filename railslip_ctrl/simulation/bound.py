@@ -276,7 +276,7 @@ class _Path:
         return np.asarray((ratio * change + rate * speed - at_zero) / (at_unit - at_zero))
 
     def _plant(self, t: Any, speed: Any, sigma: Any, state: Any, torque: float) -> tuple[Any, Any, Any]:
-        """Return the time derivatives of speed, slip velocity and adhesion state, of numbers or arrays."""
+        """Return the time derivatives of speed, slip velocity and adhesion state; arguments are numbers or arrays."""
         rates = self._rates(speed, sigma, state, torque, 0.0, self._scenario.viscous_rate * t, self._parameters)
         return rates[0], rates[1], rates[2] if len(rates) > 2 else 0.0
 

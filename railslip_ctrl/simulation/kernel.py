@@ -351,8 +351,8 @@ def encoder(sample, turning, a, measured):
     """Return the wheel speed, rad/s, as measured by an encoder; `turning` is the true wheel speed, rad/s.
 
     At each sample, the last tooth that has passed and its time are stored. The measured speed is the angle between the
-    teeth of two samples divided by the difference of their times. The time of a tooth is computed for a wheel that has
-    turned with the speed at the sample since then.
+    teeth of two samples divided by the difference of their times. The time at which a tooth passes is computed as
+    if the wheel turned at the speed of the next sample until that sample.
     """
     if sample == 0:
         measured[TRUE_TURNING], measured[READ] = turning, turning

@@ -143,8 +143,8 @@ Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
 class Run:
     """Results of a braking run.
 
-    - scenario, controller, seed: inputs of the run. The seed is `GIVEN_DRAWS` if a `Noise` was given, and None without
-      noise or for a seed that is not an integer.
+    - scenario, controller, seed: inputs of the run. `seed` is `GIVEN_DRAWS` if a `Noise` was given instead of a seed,
+      and None if the run had no noise or its seed was not an integer.
     - outcome: `STOPPED` if the train reached the final speed; otherwise the reason why the run ended at `braking_time`.
     - braking_time, braking_distance, final_speed: time, s, distance, m, and speed, m/s, at the end of the run.
     - energies: energy balance.

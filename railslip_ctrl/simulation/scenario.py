@@ -126,7 +126,7 @@ class Beliefs(Record):
     lag: float | None = quantity("s", "lag of the actuator", ge=0, default=None)
 
     def of(self, vehicle: Vehicle) -> Vehicle:
-        """Return a copy of a vehicle with the assumed parameters."""
+        """Return a copy of a vehicle with the parameters that the controllers assume."""
         wheel = {"radius": self.radius, "inertia": self.wheel_inertia}
         actuator = {"dead_time": self.dead_time, "lag": self.lag}
         own = {"wheel_load": self.wheel_load}

@@ -119,7 +119,7 @@ def _holding_torque(wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
 
 
 def _in_the_train_s_motion(holding: sp.Expr, train: sp.Expr) -> DerivationStep:
-    """Insert the train's deceleration into H; the check compares H with the trim torque of the plant."""
+    """Insert the train's deceleration into H; check that H at the reference slip is the plant's trim torque."""
     inside = sp.expand(holding.subs(a, -train))
     shown = sp.collect(inside, (plant.Ta, plant.Tr, plant.Fr))
     at_reference = {

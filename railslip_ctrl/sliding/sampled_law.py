@@ -1,16 +1,16 @@
 """The published law in discrete time, as a sequence of assignments that `code` prints as Python.
 
-The sampling period is h. The integral of e, the filter s/(tau s + 1) that estimates v', and the state of a dynamic
-adhesion law use backward Euler, which does not oscillate for any h/tau. The estimates theta_hat use forward Euler, and
-take effect at the next sample. If `boundary` > 0, sgn s is s/boundary, limited to -1 .. 1. The torque is limited to
-torque_min .. torque_max.
+The sampling period is h. The integral of e, the filter with time constant tau that estimates v', and the state of a
+dynamic adhesion law use backward Euler, which does not oscillate for any h/tau. The estimates theta_hat use forward
+Euler, and take effect at the next sample. If `boundary` > 0, sgn s of the sliding variable s is replaced by s/boundary,
+limited to -1 .. 1. The torque is limited to torque_min .. torque_max.
 
 A locked wheel is outside the domain of the bristle law, whose state would diverge. Therefore the slip velocity that
 drives an adhesion state is limited to +-`DOMAIN_SHARE` times the law's `sigma_limit`, and the state to +-`state_limit`,
 Fs/alpha. The limits are symmetric because the laws are odd functions.
 
 The parameters of `OPTIONS` belong to the robust variants (`law.LawGains`) and to anti-windup. With their default 0 the
-law is that of [Park2008]:
+law is that of [Park2008]. Other values change it as follows:
 
 - leak: theta_hat_i' = k_i s phi_i - leak theta_hat_i;
 - dead_zone 1: s - boundary sat(s/boundary) drives the adaptation instead of s;

@@ -215,12 +215,12 @@ def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
 
 
 def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
-    """Decide the conditions of the published law with actuator; return them and the findings for the conclusion.
+    """Decide whether the conditions of the published law hold with the actuator; return conditions and findings.
 
     K in N*m, D in N*m/(m/s); the other gains are the published ones. The operating points are at 100 km/h and at the
     published reference slips of the bristle model. The finding `as_published` has, for each adhesion law and rail, the
-    ratio of the largest stable k without relay to the printed k in the as-published reading. It is empty if the vehicle
-    is not the published one, or if a sliding mode exists.
+    largest stable adaptation gain k without the relay, as a ratio to the printed k, both in the as-published reading.
+    It is empty if the vehicle is not the published one, or if a sliding mode exists.
     """
     effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))

@@ -139,10 +139,10 @@ def projection_proved() -> bool:
 
 @cache
 def leak_proved() -> bool:
-    """Prove for the leak, if K0 >= d_max: V' <= -c V + ell V_theta with c = min(2 h D0, ell).
+    """Prove V' <= -c V + ell V_theta with c = min(2 h D0, ell), for K0 >= d_max and an adaptation with leak ell.
 
-    theta_hat_i' = k_i s phi_i - ell theta_hat_i and V_theta = sum theta_i^2/(2 k_i). Therefore V falls to
-    ell V_theta/c, where c is computed with the smallest h.
+    D0 = (r/J) D, K0 = (r/J) K, theta_hat_i' = k_i s phi_i - ell theta_hat_i and V_theta = sum theta_i^2/(2 k_i).
+    Therefore V falls to ell V_theta/c, where c is computed with the smallest h.
     """
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made))

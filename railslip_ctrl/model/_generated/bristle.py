@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "ec338f3a7b3913b86a531e74e6dcea2ea0fd883d24db1bba4daee4bdc59a860a"
+SOURCES_SHA256 = "884d5b6304448bc9a3d477221f00189fd28a9bc8048fea111fdc55545f05c9aa"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -224,7 +224,7 @@ class AdhesionLaw(Record):
         return self.reference.wet if Rail.of(rail) is Rail.WET else self.reference.dry
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Upper limit of the slip ratio at speed v (m/s), with the reason as text; infinite if there is no limit."""
+        """Upper limit of the slip ratio at speed `v`, m/s, and its reason as text; infinite if there is no limit."""
         return math.inf, ""
 
     def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:

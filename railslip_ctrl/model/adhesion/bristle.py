@@ -38,7 +38,7 @@ class Bristle(AdhesionLaw):
         return cls(alpha=alpha, beta=beta, gamma=gamma, reference=REFERENCE).on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which sigma = gamma and the adhesion vanishes, with the reason as text."""
+        """Upper limit of the slip ratio at speed `v`, m/s, where the adhesion vanishes, and a text with this reason."""
         return self.gamma / v, "the slip velocity reaches gamma, at which the adhesion vanishes"
 
     @classmethod

@@ -157,7 +157,7 @@ class Stops:
         return Simulator(scenario, controller).run(noise, record_every=record_every)
 
     def __call__(self, points: Floats) -> Floats:
-        """Return the measure of n stops, (n,), for `points`, the values of their random inputs, (n, inputs)."""
+        """Return `measure` of n stops, (n,); each row of `points`, (n, inputs), has the random inputs of one stop."""
         return np.array([self._value(point) for point in points])
 
     def _value(self, point: Floats) -> float:
