@@ -50,7 +50,7 @@ SHORT = 0.8  # share of a slip that counts as just below it
 LESS = 0.9  # share of the highest adhesion that shows that its slip has been passed, and that is held after a return
 TWICE = 2.0  # ratio to the slip of the peak that counts as far past it; reaction times of the wait after a return
 SLOWLY = 8.0  # reaction times in which the remembered adhesion fades; two returns within them show swinging adhesion
-MORE = 1.2  # ratio of what the limits after a return rise to, to what is remembered of the peak
+MORE = 1.2  # highest peak that the limits after a return rise towards, over the remembered peak
 RISEN = 1.08  # ratio of adhesion to what it was before that shows a better rail
 # not tuned: the plant's random force, the free wheel, the judged slip and the hand-over
 _NOISE, _NOISE_HOLD = RANDOM_FORCE / RIG_WHEEL_LOAD, 0.02  # standard deviation of the adhesion coefficient; its hold, s
@@ -152,8 +152,8 @@ class Seeking(Predictive):
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float:
         """Return the slip ratio where the loop is judged on a rail of constant adhesion; speed, m/s, wheel load, N.
 
-        It is the least slip that gives away 0.56 % of the peak's adhesion, at most `largest_slip`, and `largest_slip`
-        where adhesion falls from the start; less below `fade_speed`.
+        It is the smallest slip at which adhesion is at most 0.56 % below its peak, but at most `largest_slip`. If
+        adhesion falls from slip 0 on, it is `largest_slip`. Below `fade_speed` it is smaller.
         """
         return min(_flat_slip(law, speed, wheel_load), self.largest_slip) * self._kept(speed)
 
@@ -163,7 +163,7 @@ class Seeking(Predictive):
 
 @lru_cache(maxsize=512)  # as many as cached peaks
 def _flat_slip(law: AdhesionLaw, speed: float, wheel_load: float) -> float:
-    """Return the least slip ratio that gives away `_FLAT` of the peak's adhesion; inf where adhesion only falls."""
+    """Return the smallest slip ratio with adhesion at most `_FLAT` below its peak; inf if adhesion only falls."""
     top = peak(law, speed, wheel_load)
     if top.slip < _LOWEST:
         return math.inf
