@@ -14,7 +14,7 @@ import pytest
 from generated_code import COMPILER, WARNINGS, Program, needs_compiler
 from sample_laws import ALL_LAWS, sample_law
 
-from railslip_ctrl import PARK2008, ReferenceSlip, simulate, stop
+from railslip_ctrl import PARK2008, PI, ReferenceSlip, simulate, stop
 from railslip_ctrl.controllers.assumed import force_of
 from railslip_ctrl.controllers.base import Controller, Measurement
 from railslip_ctrl.controllers.braking import linear_control
@@ -273,6 +273,15 @@ def test_the_assumed_adhesion_law_is_the_run_s_in_python_and_in_c(name, tmp_path
         assert force_of(type(law))(v, sigma, numbers) == pytest.approx(force, rel=1e-9, abs=1e-5)
         torque, status = unit.step(v, (v - sigma) / RADIUS, 0.0)
         assert program.step(v, (v - sigma) / RADIUS, 0.0) == (pytest.approx(torque, rel=1e-9, abs=1e-6), status)
+
+
+def test_the_guard_releases_a_brake_whose_controller_has_a_least_torque():
+    control = PI(kp=400.0, ki=100.0, torque_min=50.0, torque_max=5000.0)
+    unit = ControlUnit(control, PARK2008, 20.0)
+    assert unit.step(20.0, 18.0 / RADIUS, 0.0).torque >= 50.0
+    for _ in range(round(0.5 / PERIOD)):  # hold_time and release_time take 0.3 s
+        torque, status = unit.step(math.nan, 18.0 / RADIUS, 50.0)
+    assert (torque, status) == (0.0, Status.FAULT)
 
 
 def test_a_bad_sample_leaves_no_trace_in_slide_protection_without_its_guard():

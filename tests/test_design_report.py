@@ -405,6 +405,14 @@ def test_a_controller_of_one_s_own_is_compared_with_what_the_recommended_is(robu
     }
 
 
+def test_a_controller_whose_hand_over_is_above_every_speed_is_not_called_unstable(robust):
+    always = changed(GIVEN, hand_over_speed=120 / 3.6)
+    mine = recommendation._rival("mine", always, robust.envelope, False)
+    said = dict(first_page(replace(robust, rivals=(mine,))).lines)["Yours"]
+    assert "120 km/h" in said
+    assert "at the highest speed" not in said
+
+
 def test_stops_with_errors_and_a_changing_rail(robust):
     """Each error at both ends equally often, and every two in each combination; each run as `simulate` runs it."""
     wrong = [one for one in robust.harder_stops if one.errors != CHANGES]

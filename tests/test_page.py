@@ -145,7 +145,7 @@ def test_the_stops_are_those_of_simulate(page):
     control = Workbench(ENVELOPE).control("pi-lead", DESIGN["values"])
     for rail in ("dry", "wet"):
         run = rs.simulate(rs.stop(CAR, rail, adhesion="bristle"), control, seed=0)
-        assert head["words"][rail] == str(run)
+        assert head["descriptions"][rail] == str(run)
         assert arrays[f"{rail} time"][-1] == pytest.approx(run.braking_time, abs=0.02)
         assert arrays[f"{rail} slip"].max() == pytest.approx(run.max_slip, rel=0.1)  # of some samples
     wet = arrays["patch time"][arrays["patch reference"] < 0.1]
@@ -215,7 +215,7 @@ def test_kinds_by_rule_have_their_numbers_and_stops(page, kind):
     design = {"kind": kind, "values": values, "reference": HELD}
     head, arrays = page.ask("loop", design=design)
     stops, _ = page.ask("stops", design=design)
-    assert "to 5 km/h in" in stops["words"]["wet"]
+    assert "to 5 km/h in" in stops["descriptions"]["wet"]
     if kind == "slide-protection":
         assert "has no margins" in head["no_loop"]
         return

@@ -81,14 +81,15 @@ class Guard(Record):
         """Return the guard of a controller.
 
         If the controller has no limit of the torque, the lower limit is 0 and the upper limit the vehicle's full brake
-        torque. `period` is the sampling period, s.
+        torque. A lower limit above 0 becomes 0, because the guard must be able to release the brake. `period` is the
+        sampling period, s.
         """
         least, most = control.least_torque, control.largest_torque
         radius = getattr(control, "radius", None)
         return cls(
             period=period,
             radius=vehicle.wheel.radius if radius is None else radius,
-            torque_min=max(least, 0.0) if least > 0 or math.isinf(least) else least,
+            torque_min=0.0 if math.isinf(least) else min(least, 0.0),
             torque_max=full_brake_torque(vehicle) if math.isinf(most) else most,
         )
 

@@ -186,13 +186,15 @@ class SampledLaw:
         every = max(math.ceil(end / (points * self.period)), 1)
         later = np.linalg.matrix_power(self._sample(), every)
         count = min(int(end / (every * self.period)) + 1, points)
-        state, slip_velocity = np.zeros((len(later), 2)), np.empty((count, 2))
-        state[-2, 0], state[-1, 1] = reference, torque
-        for k in range(count):
-            slip_velocity[k] = state[0]
-            state = later @ state
+        states = np.zeros(
+            (len(later), 2)
+        )  # two columns per time, doubled until all are there
+        states[-2, 0], states[-1, 1] = reference, torque
+        while states.shape[1] < 2 * count:
+            states = np.hstack([states, later @ states])
+            later = later @ later
         times = np.asarray(np.arange(count) * (every * self.period))
-        return times, slip_velocity[:, 0], slip_velocity[:, 1]
+        return times, states[0, : 2 * count : 2], states[0, 1 : 2 * count : 2]
 
     def _sample(self) -> Floats:
         """Return the matrix that maps the state of the closed loop at one sample to that at the next sample.

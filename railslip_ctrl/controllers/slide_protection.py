@@ -112,8 +112,7 @@ class SlideProtection(Controller):
         0.05 N r, which the adhesion of a very slippery rail can transmit, and a dumping valve lowers it by 0.8 N r. N
         is the wheel load. `dump_deceleration` is the sum of two decelerations: that of the train on the best rail
         (0.35 g), and that of the rim by a random force of 0.0125 N ([Park2008] p. 55), which is 0.0125 N r^2/J. The
-        filter removes an oscillation of the wheel in the rolling contact, about 5 Hz, which is not a slide. The slip
-        thresholds keep their defaults.
+        filter attenuates oscillations of the wheel speed that are not slides. The slip thresholds keep their defaults.
         """
         wheel, actuator = vehicle.wheel, vehicle.actuator
         time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default

@@ -50,8 +50,7 @@ class QuasiPolynomial:
     removed: int = 0
 
     def __init__(self, terms: Sequence[ArrayLike], delays: float | Sequence[float], removed: int = 0) -> None:
-        arrays = tuple(np.atleast_1d(np.trim_zeros(np.atleast_1d(np.asarray(c, dtype=float)), "f")) for c in terms)
-        arrays = tuple(c if c.size else np.zeros(1) for c in arrays)
+        arrays = tuple(_without_leading_zeros(np.atleast_1d(np.asarray(c, dtype=float))) for c in terms)
         if not all(np.isfinite(c).all() for c in arrays):
             raise InputError("quasi-polynomial has a coefficient that is not finite; give finite numbers")
         object.__setattr__(self, "terms", arrays)
@@ -64,7 +63,8 @@ class QuasiPolynomial:
     def __call__(self, s: ArrayLike) -> Complexes:
         """Value of F at complex s (1/s), any shape."""
         s = np.asarray(s, dtype=complex)
-        value = np.asarray(sum(_polynomial(c, s) * np.exp(-delay * s) for delay, c in self._present))
+        terms = (_polynomial(c, s) * np.exp(-delay * s) if delay else _polynomial(c, s) for delay, c in self._present)
+        value = np.asarray(sum(terms))
         if not self.removed:
             return value
         near = np.abs(s) * max(self.delays) < NEAR_ORIGIN  # the terms cancel there: use the series
@@ -160,11 +160,17 @@ class QuasiPolynomial:
         return RootCount(right, math.isnan(right))
 
 
+def _without_leading_zeros(coefficients: Floats) -> Floats:
+    first = np.flatnonzero(coefficients)[:1]
+    return coefficients[first[0] :] if first.size else np.zeros(1)
+
+
 def _polynomial(coefficients: Floats, x: Any) -> Any:
     """Value at x of a polynomial with coefficients in descending powers; NumPy's function takes twice as long."""
-    value = coefficients[0] * np.ones_like(x)
-    for one in coefficients[1:].tolist():
-        value = value * x + one
+    value = np.full(np.shape(x), coefficients[0], dtype=np.result_type(x, float))
+    for coefficient in coefficients[1:].tolist():
+        value *= x
+        value += coefficient
     return value
 
 

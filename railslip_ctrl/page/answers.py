@@ -158,7 +158,7 @@ def envelope_answer(bench: Workbench, request: Request, *, nominal: bool = True)
         least = {name: judgement.least(name, largest=name == "gain_decrease")[0] for name in names}
     cases = {points.case(i).description: int(points.plant[i]) for i in np.flatnonzero(points.operating).tolist()}
     head: dict[str, Any] = {"verdict": judgement.verdict, "line": judgement.verdict_line, "least": least}
-    head |= {"told": judgement.slip_notes, "usable_from_kmh": judgement.usable_from_kmh, "map": vars(over)}
+    head |= {"notes": judgement.slip_notes, "usable_from_kmh": judgement.usable_from_kmh, "map": vars(over)}
     if nominal:
         hardest = cases[judgement.worst.case.description]
         head |= {"bounds": bounds_over(points, over), "points": cases, "hardest": hardest}
@@ -186,7 +186,7 @@ def stops_answer(bench: Workbench, request: Request) -> Answer:
         columns |= {"train": s.speed / KMH, "wheel": (s.speed - s.slip_velocity) / KMH}
         kept = np.unique(np.linspace(0, s.time.size - 1, _SAMPLES).astype(int))
         arrays |= {f"{name} {column}": values[kept] for column, values in columns.items()}
-    return {"words": texts}, arrays
+    return {"descriptions": texts}, arrays
 
 
 def region_answer(bench: Workbench, request: Request) -> Answer:

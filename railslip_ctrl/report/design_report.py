@@ -309,6 +309,8 @@ def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
         if (judged := item.judgement) is not None:
             start, held = judged.usable_from_kmh, "stable" if judged.nominal else "stable with every tolerance"
             state = f"not {held} at the highest speed" if start is None else f"{held} from {start:g} km/h up"
+            if judged.verdict_in_use is None:
+                state = f"every speed is below its hand-over speed, {judged.hand_over_kmh:g} km/h"
             worst = worst_cells(judged.worst)
             ms = f"{worst[0]}: {worst[1]} at {worst[2]}" if judged.worst.margins else f"unstable at {worst[2]}"
             verdict = f"{judged.verdict.upper()}: {item.name} is {state}; {ms}"

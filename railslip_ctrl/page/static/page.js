@@ -326,7 +326,7 @@ function showMargins() {
 function showVerdict(answer, outdated = false) {
   $("verdict").className = answer.verdict ?? "";
   $("verdict").textContent = answer.line;
-  $("slip-notes").textContent = answer.told?.join(". ") ?? "";
+  $("slip-notes").textContent = answer.notes?.join(". ") ?? "";
   $("answer").classList.toggle("stale", outdated);
   if (loop) showMargins();
   draw["envelope-map"]();
@@ -639,8 +639,8 @@ const draw = {
     }));
     readable("stop", time.length, nearX(areas[0], time), (i) => areas.map((area, k) => [area, time[i], now[parts[k][1]][i]]),
       (i) => `${fmt(time[i], 3)} s: train ${fmt(now.train[i], 3)}, wheel ${fmt(now.wheel[i], 3)} km/h, slip ${fmt(now.slip[i], 3)}, torque ${fmt(now.torque[i])} N·m`);
-    $("stop-summary").textContent = stops.words[name].replaceAll("N*m", "N·m").split("\n").join(". ");
-    return $("stop").setAttribute("aria-label", `Braking run: ${stops.words[name].split("\n")[0]}`);
+    $("stop-summary").textContent = stops.descriptions[name].replaceAll("N*m", "N·m").split("\n").join(". ");
+    return $("stop").setAttribute("aria-label", `Braking run: ${stops.descriptions[name].split("\n")[0]}`);
   },
 
   // Worst Ms at each speed and load: the first number is for the operating points, the second includes tolerances.
