@@ -49,7 +49,7 @@ _OF_GAIN, _OF_PEAKS = (
 )
 _PEAK_SURE = 1e-3  # no peak exceeds the reported one by more than this, relatively
 _PARTS, _MOST_ROUNDS = 4, 8  # parts of an undecided interval, and most divisions before `DeadTimeLoop` decides
-_PEAK_GAIN = 1e-10  # an interval is searched if its bound exceeds the highest value found by more than this, relatively
+_PEAK_GAIN = 1e-10  # an interval is searched if its bound exceeds the highest known value by more than this, relatively
 
 
 @dataclass(frozen=True)
@@ -188,10 +188,7 @@ def _checked(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time: Arr
 def _solve(
     loops: Loops, low: Floats, high: Floats, index: Indices, results: dict[str, Floats], requested: tuple[bool, bool]
 ) -> Flags:
-    """Write the margins of `loops` into `results` at `index`; return True for loops that `DeadTimeLoop` must compute.
-
-    `requested`: true for the gain margins, and true for the peaks.
-    """
+    # the result is True for each loop that `DeadTimeLoop` must compute
     points, bent, delicate = monotone(loops, low, high)
     n = index.size
     at = points.changes(points.size)
@@ -227,7 +224,7 @@ def _solve(
 
 
 def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Floats, Indices]:
-    """Smallest of the `values` of each of n loops, and its index; `default` and -1 for a loop without a value."""
+    """Smallest value in each of n loops, and its index; `default` and -1 for a loop without values."""
     order = np.lexsort((values, rows))
     present, position = np.unique(rows[order], return_index=True)
     smallest, number = np.full(n, default), np.full(n, -1)
@@ -285,10 +282,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
 def _undecided(
     loops: Loops, points: Points, bent: Floats, left: Indices, test: Callable[[Points, Points, Floats, Spans], Indices]
 ) -> Flags:
-    """Divide the intervals `left` repeatedly; return True for each loop that still has an undecided interval.
-
-    `test` returns the indices of the undecided intervals.
-    """
+    """Divide the intervals `left` repeatedly; return True for each loop with an interval that `test` still returns."""
     for _ in range(_MOST_ROUNDS):
         if left.size == 0:
             break
@@ -300,10 +294,7 @@ def _undecided(
 
 
 def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[Floats, Floats]:
-    """Phase crossover of each loop with |L| nearest to 1: abs(ln|L|) and frequency, rad/s.
-
-    `side` is 1 for phase crossovers with |L| > 1, and -1 for those with |L| < 1.
-    """
+    """Phase crossover of each loop with |L| nearest to 1 on one side of 1: abs(ln|L|) and frequency, rad/s."""
     # |L| is monotone and does not cross 1 on an interval: only the crossover nearest to the end with |L| closer to 1
     # matters, and only intervals that can contain it
     first, last = levels(points)
@@ -368,7 +359,6 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
 
 
 def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequencies: Floats) -> None:
-    """Replace the peaks and their frequencies, (3, n), by higher `values`, (3, N), of the loops `rows`."""
     for best, where, value in zip(peak, omega, values, strict=True):
         before = best[rows]
         np.maximum.at(best, rows, np.where(np.isfinite(value), value, 0.0))
@@ -546,9 +536,7 @@ def located(loops: Loops, points: Points, at: Indices, function: Callable[[Point
 
 
 def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, Flags]:
-    """Divide the axis of each loop at the extrema of ln|L| and of the phase; return the points and the `bends`.
-
-    - low, high: lowest and highest frequency, rad/s, (n,).
+    """Divide the axis from `low` to `high`, rad/s, at the extrema of ln|L| and the phase; return points and `bends`.
 
     The third array is True for each loop in which |L| nearly touches 1 or a gain crossover may be missed.
     """
@@ -644,9 +632,7 @@ def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
 def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most: Floats) -> Flags:
     """True for each interval on which |S|, |T| or |S - 1/2| may exceed its limit in `most`, (3, N - 1).
 
-    - bend: bound on |d^2 ln L/d omega^2| on each interval.
-    - boxes: upper bounds on |S|, |T| and |S - 1/2| on each interval, (3, N - 1).
-    - values: |S|, |T| and |S - 1/2| at the points, (3, N).
+    `boxes`, (3, N - 1), are upper bounds on the intervals, and `values`, (3, N), are the magnitudes at the points.
     """
     open_ones = np.any(boxes > most, axis=0)
     at = np.flatnonzero(open_ones)
@@ -661,11 +647,7 @@ def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most:
 
 
 def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indices) -> tuple[Points, Points, Floats]:
-    """Divide intervals into equal parts; return the ends of the parts as points, twice, and the `bends` of the parts.
-
-    - bent: `bends` of all intervals.
-    - at: indices of the intervals to be divided.
-    - parts: number of parts of each of these intervals.
+    """Divide each interval in `at` into equal `parts`; return their ends as points, twice, and their `bends`.
 
     `row` is the index of the loop in the first result, and the number of the divided interval in the second.
     """

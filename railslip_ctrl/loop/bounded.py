@@ -21,11 +21,11 @@ from .deadtime import Loop, unstable_error
 from .margins import Margins, Peaks, by_distance, heights, responses, smallest_of, top_of
 
 ROUNDING = 1e-12  # bound on the rounding of ln L, many times the largest observed
-_ONE = 1e-9  # if |ln|L|| is below this over a whole interval, |L| counts as 1 there and has no crossover
+_ONE = 1e-9  # if |ln|L|| is below this over a whole interval, |L| is regarded as 1 there, without a crossover
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
 _PEAK = 1e-6  # among nearly equal peaks the reported one may be below the highest by this, relatively
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
-_PARTS = 4  # parts of a divided interval: more parts need more frequencies, fewer parts need more passes
+_PARTS = 4  # intervals into which one is divided: more need more frequencies, fewer need more passes
 _ENDS = np.array([0.0, np.inf])
 
 
@@ -122,8 +122,7 @@ class BoundedLoop(Loop):
     def margins(self) -> Margins:
         """All margins of the loop; see `Margins`.
 
-        Peaks and crossovers of a sampled loop with period h are those up to pi/h. Raises UnstableLoopError if the loop
-        is unstable.
+        Crossovers and peaks of a sampled loop with period h are those at frequencies up to pi/h.
         """
         if not self.is_stable():
             raise unstable_error(*self._unstable_description(), self.root_count.right, self.stabilizing_gain_range)
@@ -217,12 +216,8 @@ class BoundedLoop(Loop):
 
 
 def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
-    """Upper bounds on the deviations of ln S, ln T and ln(S - 1/2) from linear functions of frequency, (3, n).
-
-    - loop: L at the middle of each interval, (n,).
-    - linear: largest change of the linear expansion of ln L from the middle to an end, (n,).
-    - rest: bound on the deviation of ln L from this expansion, (n,).
-    """
+    """Upper bounds on the deviations of ln S, ln T and ln(S - 1/2) from linear functions of frequency, (3, n)."""
+    # ln L changes by at most `linear` along its linear expansion, and deviates from it by at most `rest`
     grown = np.expm1(linear + rest)
 
     def of_sum(part: Complexes) -> Floats:  # ln(1 + part (exp(u) - 1))

@@ -30,7 +30,7 @@ WIDTH = 1e-9  #: largest relative width of an enclosure
 
 _BITS = (80, 320, 1280, 4000)  # precisions tried, in this order
 _ABOVE = 0.4 * WIDTH  # relative distance from a peak's attained value to the upper end of its enclosure
-_BESIDE = 1e-6  # largest relative distance of a peak's frequency from the frequency found in doubles
+_BESIDE = 1e-6  # largest relative error of a peak's frequency computed in doubles
 _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is divided first
 _MOST_PARTS = 50_000  # largest number of frequency intervals; if it is exceeded, the next precision is tried
 _FARTHEST = arb(2) ** 1000  # rad/s; largest frequency, still a double
@@ -58,8 +58,7 @@ class Certificate:
     - unstable_poles: number of closed-loop poles with real part >= 0.
     - gain_crossovers: enclosures of all frequencies with |L| = 1, rad/s.
     - bits: precision of the ball arithmetic; the relative width of a ball is 2^-bits.
-    - parts: number of frequency intervals on which |S| and |T| were bounded; 0 without dead time, because then the
-      peaks follow from roots of polynomials.
+    - parts: number of frequency intervals on which |S| and |T| were bounded; 0 without dead time.
     - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt: enclosures of the margins with these names in `Margins`:
       factors, deg, s, ratios. All are None for an unstable loop. Both ends are inf for a margin without bound.
       `gain_decrease` is (0, 1e-9) if L(0) < -1e9, the value that an integrator with rounded coefficients has.
@@ -204,7 +203,7 @@ def _first_odd(near: _End, far: _End) -> int | None:
 
 
 def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
-    """Ball in which arg L - `odd` pi is proved to change sign."""
+    """Ball that is proved to contain a frequency, rad/s, at which arg L = `odd` pi."""
     first, last = (-math.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end))
     found = phase_crossover(response, float(start.omega.mid()), float(end.omega.mid()), first, last, odd)
     omega = response.exact.phase_crossover(found, response.turned(found)[1], odd)
@@ -241,8 +240,6 @@ def _peaks(response: Response, margins: Margins, bits: int) -> tuple[tuple[arb, 
 
 
 class _Cover:
-    """Division of the frequency axis into intervals with bounds on |S| and |T|."""
-
     def __init__(self, response: Response, margins: Margins, bits: int) -> None:
         self._response, self._bits = response, bits
         zeros, poles = response.exact.roots()
@@ -254,7 +251,6 @@ class _Cover:
         self.parts = 0
 
     def peaks(self) -> tuple[arb, arb]:
-        """Ms and Mt as balls, from a value that is attained to a bound proved on the whole frequency axis."""
         attained = [self._peak(shape, omega) for shape, omega in zip(SHAPES[:2], self._frequencies, strict=True)]
         self._most = [value.upper() * (1 + _ABOVE) for value in attained]
         for start, end, _ in _pieces(self._response, self._bits):
@@ -270,7 +266,6 @@ class _Cover:
         return abs((shape[0] * den + shape[1] * num) / (num + den))
 
     def _fraction_at(self, omega: float) -> tuple[arb, arb]:
-        """Limit of L at frequency 0 or infinity as numerator and denominator."""
         # with dead time L(inf) takes every phase; -|G(inf)| is the value nearest to -1
         if omega == 0:
             return arb(self._response.exact.numerator[0]), arb(self._response.exact.denominator[0])
@@ -294,7 +289,7 @@ class _Cover:
         return _End(omega, math.nan, self._response.exact.argument(omega) / arb.pi())
 
     def _below_to_second_order(self, low: arb, high: arb) -> bool:
-        """True if a bound on the second derivative proves that |S| and |T| are below their bounds on an interval."""
+        # value and slope in the middle, and a bound on the second derivative
         if not (low > 0 and high.is_finite()):
             return False
         middle = ((low + high) / 2).mid()
@@ -322,7 +317,6 @@ class _Cover:
         )
 
     def _below_in_box(self, low: _End, high: _End) -> bool:
-        """True if the ranges of |L| and arg L prove that |S| and |T| are below their bounds on an interval."""
         # |1 + L|^2 >= 1 + m^2 - 2 m c with m = |L| and cos(arg L) >= -c
         sizes = [self._size_at(one.omega) for one in (low, high)]
         c = _towards_minus_one(low.half_turns, high.half_turns)
@@ -427,7 +421,7 @@ class _Sum:
         return _Part(value, value + rates * offset, rates)
 
     def total(self, omega: arb) -> arb:
-        """Sum of the magnitudes of the terms, without the division by s^removed."""
+        """Sum of the magnitudes of all terms, without the division by s^removed."""
         return sum(
             (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
         )
@@ -472,8 +466,6 @@ def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | Non
 
 
 class _Delayed:
-    """Certificate of L = N/D from bounds on frequency intervals."""
-
     def __init__(self, num: _Sum, den: _Sum, margins: Margins | None) -> None:
         self._num, self._den, self._margins = num, den, margins
         lead = den.derivatives[0][0][1]

@@ -138,7 +138,7 @@ _NEWTON_STEPS = 60  # most steps, bisections included
 _NOTHING_GAINED = 1e-18  # relative increase of a peak by a step below which the search ends
 _BITS_OF_A_STEP = 50  # bits that a Newton step adds at least if its slope is accurate to double precision
 REFINED_BITS = 160  # precision for margins that lose digits in doubles
-MOST_BITS = 4000  #: precision up to which a sign is computed; if it is still undecided, the number counts as zero
+MOST_BITS = 4000  #: precision up to which a sign is computed; a number whose sign is still undecided is regarded as zero
 
 GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
 """Kinds of frequencies: gain crossovers, extrema of |L|, extrema of arg L, zeros and poles on the imaginary axis."""
@@ -228,10 +228,7 @@ class ExactLoop:
         return abs(a * den + b * num) / abs(den + num)
 
     def peak(self, a: float, b: float, low: float, start: float, high: float) -> tuple[arb, arb]:
-        """Frequency, rad/s, and height of the peak of |a + b L|/|1 + L| between `low` and `high`, rad/s.
-
-        The search begins at `start`, rad/s. a = 1, b = 0 give |S|, a = 0, b = 1 give |T|.
-        """
+        """Frequency and height of the peak of `size_at` between `low` and `high`, rad/s, searched from `start`."""
         # Newton's method minimises |1 + L|^2/|a + b L|^2, which is nearly a parabola even for a sharp peak
         delay, below, omega, above = arb(self._dead_time), arb(low), arb(start), arb(high)
         for _ in range(_NEWTON_STEPS):
@@ -370,10 +367,7 @@ class Response:
         return [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
 
     def half_turns(self, omega: float, kind: str, index: int, *, certain: bool = False) -> tuple[float, float]:
-        """Nearest odd number to arg L/pi, and the signed rest, at `omega`, rad/s: frequency number `index` of a `kind`.
-
-        Ball arithmetic computes them if `certain`, or if rounding could change the odd number or the sign of the rest.
-        """
+        """Nearest odd number to arg L/pi, and the signed rest, at `omega`, rad/s, number `index` of a `kind`."""
         half = self.turned(omega)[0] / math.pi
         odd = 2 * math.floor(half / 2) + 1
         if certain or abs(half - odd) <= self.rounding(omega):
@@ -448,14 +442,13 @@ class Response:
         return zeros.count(0) - poles.count(0)
 
     def spread(self, low: float, middle: float, high: float) -> tuple[float, float]:
-        """Bounds on the second and third derivative of ln L with respect to ln omega.
+        """Bounds on the second and third derivative of ln L with respect to ln omega, from `low` to `high`, rad/s.
 
-        They hold on the interval from `low` to `high`, rad/s; `middle` is a frequency between these. If `low` is 0, the
-        derivatives are with respect to omega, and zeros and poles at s = 0 are left out.
+        If `low` is 0, the derivatives are with respect to omega.
         """
         s, reach = complex(0, middle), high - middle
         bend = twist = self.dead_time * high if low else 0.0
-        for root, size in self._off_zero:
+        for root, size in self._off_zero:  # zeros and poles at s = 0 are left out
             near = abs(s - root) - reach
             if near <= 0:
                 return math.inf, math.inf
@@ -480,7 +473,6 @@ class Response:
             return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
 
     def __call__(self, omega: Floats) -> Complexes:
-        """L(j omega), infinite at a pole."""
         value = self.system(1j * omega)
         with np.errstate(invalid="ignore"):
             return np.where(np.isinf(value), value, value * np.exp(-1j * self.dead_time * omega))
@@ -582,10 +574,7 @@ def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = 
 
 
 def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
-    """Frequency, rad/s, between `low` and `high` at which arg L/pi is `odd`.
-
-    `first` and `last` are arg L/pi at `low` and at `high`.
-    """
+    """Frequency, rad/s, at which arg L/pi is `odd`; at `low` and `high`, rad/s, it is `first` and `last`."""
     target, dead_time = math.pi * odd, response.dead_time
     if math.isinf(high):  # at high frequency the dead time dominates the phase
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf

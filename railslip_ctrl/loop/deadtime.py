@@ -197,8 +197,7 @@ class Loop(ABC):
     def margins(self) -> Margins:
         """All margins of the loop; see `Margins`.
 
-        Raises UnstableLoopError if the closed loop is unstable. The error has the number of unstable poles and the
-        interval of stabilising gain factors.
+        Raises UnstableLoopError, with the interval of stabilising gain factors, if the loop is unstable.
         """
 
     def is_stable(self) -> bool:
@@ -232,8 +231,6 @@ class Loop(ABC):
 
 
 def _system_attribute(name: str, *, delegated: bool) -> property:
-    """Property of `Loop`: an attribute of its frequency-response data if `delegated`, else an AttributeError."""
-
     def value(loop: Loop) -> Any:
         if not delegated:
             raise AttributeError(loop._unsupported, name=name, obj=loop)
@@ -345,7 +342,6 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def root_count(self) -> RootCount:
-        """Exact number of closed-loop poles in the closed right half plane."""
         return root_count(self._response)
 
     @property
@@ -355,12 +351,10 @@ class DeadTimeLoop(Loop):
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Number of poles of G right of the imaginary axis."""
         return int(np.count_nonzero(self.system.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Number of poles of G at 0."""
         return int(np.count_nonzero(self.system.poles == 0))
 
     def to_tf(self, order: int) -> TransferFunction:

@@ -32,7 +32,7 @@ _AROUND_PEAK, _NARROWER, _MOST_NARROWED = 0.06, 0.4, 12
 _OUTWARD = 4.0  # an interval that reaches to infinity is divided at this multiple of its lower end
 _A_CHAIN = 10**9  # stands for the infinitely many unstable poles of a neutral loop beyond its limit
 _BESIDE = 1e-6  # relative distance from a gain limit at which the poles on either side are counted
-_GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase crossovers count as one limit
+_GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase crossovers are one limit
 
 
 @dataclass(frozen=True)
@@ -182,10 +182,7 @@ def compute_margins(
 
 
 def smallest_at(rest: list[float], crossovers: list[float]) -> set[int]:
-    """Indices of the gain crossovers with the smallest phase margin and with the smallest delay margin.
-
-    `rest` is arg(-L)/pi at the `crossovers`, rad/s.
-    """
+    """Indices of the smallest phase margin and of the smallest delay margin; `rest` is arg(-L)/pi at the crossovers."""
     sizes = ([abs(one) for one in rest], _added_dead_times(rest, crossovers))
     return {one.index(min(one)) for one in sizes if one}
 
@@ -258,7 +255,7 @@ class _PeakSearch:
         self._large = max(1 + 1 / s, t / (t - 1) if t > 1 else math.inf, 1 / ratio if ratio > 0 else math.inf)
 
     def climb(self, starts: list[float]) -> None:
-        """Find each peak, beginning at the frequency of `starts` (rad/s, ascending) where its function is largest."""
+        """Search for each peak, beginning at the frequency of `starts`, rad/s, with the highest value."""
         values = [_sizes(self._response, omega) for omega in starts]
         for kind, sizes in enumerate(zip(*values, strict=True)):
             top = sizes.index(max(sizes))
@@ -319,7 +316,7 @@ class _PeakSearch:
         return (math.sqrt(low) * math.sqrt(high), tried and high < _WIDEST * low) if low else (0.5 * high, tried)
 
     def _below(self, kinds: list[int], around: _Around, low: float, middle: float) -> bool:
-        """True if the functions `kinds` are proved to be below their peaks; a higher value at `middle` is stored."""
+        """True if no function in `kinds` can exceed its peak on the interval; a higher value at `middle` is stored."""
         rounding = self._response.rounding(middle)
         if rounding > 2 * self._rounding:
             self._rounding = rounding
@@ -333,7 +330,7 @@ class _PeakSearch:
         return True
 
     def _positive(self, kind: int, around: _Around, *, even: bool = False) -> bool:
-        """True if u P + v N + w > 0 is proved on the interval of `around` for the peak `kind`."""
+        """True if u P + v N + w > 0 is proved for the peak `kind` on the interval of `around`."""
         # `even`: the peak is at 0 rad/s, where the interval begins, so that the slope is 0 there
         u, v, w = self._forms[around.inverted][kind]
         (p, p1, p2, p3), (n, n1, n2, n3), half = around.p, around.n, around.half
@@ -464,9 +461,7 @@ def _end_values(response: Response) -> list[Peaks]:
 
 
 def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[float, float] | None:
-    """Interval of loop-gain factors that make the loop stable; None if no factor does.
-
-    It is the interval that contains 1, or else the interval nearest to 1 in ratio.
+    """Interval of stabilising gain factors that contains 1, or else is nearest to 1 in ratio; None if none exists.
 
     - limits: gain limits, ascending.
     - unstable_at_one: number of unstable poles at factor 1.

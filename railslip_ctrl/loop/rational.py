@@ -202,7 +202,7 @@ def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, floa
 # -- the transfer function --------------------------------------------------------------------------------------
 
 _LEVEL = 20 * np.finfo(float).eps  # relative rounding of a sum of products of matrix entries, per state
-_PAIRED = 1e-9  # relative distance within which two roots count as a conjugate pair; eigenvalue routines round
+_PAIRED = 1e-9  # relative distance within which two roots are a conjugate pair; eigenvalue routines round
 LARGEST_ORDER = 100
 """Largest order of a Pade approximation; order 10 is exact to rounding for a phase of a few radians."""
 
@@ -491,9 +491,7 @@ def _zero_multiplicity(a: Floats) -> int:
 class Realisation:
     """SISO state-space realisation x' = a x + b u, y = c x + d u; in discrete time x[k+1] replaces x'.
 
-    - a: array, (n, n).
-    - b, c: arrays, (n,).
-    - d: float.
+    The arrays a, b and c have the shapes (n, n), (n,) and (n,).
     """
 
     a: Floats

@@ -34,7 +34,7 @@ _DEFAULT_POINTS = 1001  # times of a response by default: a smooth line in print
 _NODES = 20
 _PIECE = 4.0  # largest length of a piece times `rate`
 _MOST_PIECES = 200_000  # a second or two of computing; a response that needs more is most likely a mistake
-_SAME_TIME = 1e-12  # relative difference within which a time counts as a multiple of the dead time
+_SAME_TIME = 1e-12  # relative difference within which a time is regarded as the end of a piece
 _WELL_POSED = 1e-12  # least |1 + L(inf)| without dead time; a smaller one is 0 within rounding
 
 
@@ -273,10 +273,7 @@ class Marcher:
         self._equations, self._dead_time, self._steps, self._rate = scaled, dead_time, steps, rate
 
     def run(self, start: Floats, times: Floats) -> tuple[Floats, Floats]:
-        """Compute y, u, q and error at the times (s, ascending), shape (4, n), and du/dt, shape (n,).
-
-        `start` are the states at t = 0.
-        """
+        """Compute y, u, q and error at `times`, s, (4, n), and du/dt, (n,), from the states `start` at t = 0."""
         end = float(times[-1])
         back, length = self._pieces(end)
         if not end / length < _MOST_PIECES:
@@ -323,9 +320,8 @@ class Marcher:
         return states, commands[:count]
 
     def _solution(self, length: float) -> tuple[Floats, Floats]:
-        """Matrix M and constant c: the states at the nodes of a piece with this `length`, s, are M [x0; w] + c."""
-        # x0: states at the start of the piece; w: delayed command at its nodes. The integral x = x0 + integral of
-        # (a x + b w + e v) is used, because differentiation amplifies rounding
+        # The result is M and c: M [x0; w] + c are the states at the nodes, where x0 are the states at the start of the
+        # piece and w is the delayed command there; integration is used, because differentiation amplifies rounding
         eq, n = self._equations, self._equations.a.shape[0]
         integral = 0.5 * length * _INTEGRAL
         left = np.eye(_NODES * n) - np.kron(integral, eq.a)
@@ -338,7 +334,6 @@ class Marcher:
     def _signals(
         self, states: Floats, delayed: Floats, inside: Floats, length: float, nodal: Floats, constant: Floats
     ) -> tuple[Floats, Floats]:
-        """Compute y, u, q and error, (4, n), and du/dt, (n,), at positions `inside`, 0 to 1, of n pieces."""
         eq = self._equations
         known = np.hstack([states, delayed])
         weights = chebyshev.chebvander(2 * inside - 1, _NODES - 1) @ _TO_SERIES

@@ -5,8 +5,8 @@ a dead time that is not a multiple of the period h ([Astrom1997] 2):
 
     x[k+1] = Phi x[k] + Gamma0 u[k-d] + Gamma1 u[k-d-1],    y[k] = C x[k],    dead time = (d + fraction) h
 
-d is an integer, and the fraction is from 0 to 1. This equation and that of the controller form the closed loop. It is
-stable if and only if all its eigenvalues lie inside the unit circle.
+d is an integer, and the fraction is from 0 to 1. This equation and that of the controller form the closed loop,
+which is stable if and only if all its eigenvalues lie inside the unit circle.
 """
 
 from __future__ import annotations
@@ -188,12 +188,10 @@ class SampledLoop(BoundedLoop):
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Number of poles of L outside the unit circle."""
         return int(np.count_nonzero(np.abs(self.controller.poles) > 1) + np.count_nonzero(self.plant.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Number of poles of L at z = 1."""
         return int(np.count_nonzero(self.controller.poles == 1) + np.count_nonzero(self.plant.poles == 0))
 
     def poles(self) -> Complexes:
@@ -328,8 +326,9 @@ class SampledLoop(BoundedLoop):
         return np.asarray(found[found > 0])
 
     def _plant_response(self, z: Complexes, beyond_one: Complexes) -> tuple[Complexes, Complexes]:
-        """Pulse transfer function of hold, plant and dead time at z, and d ln/dz of it; `beyond_one` is z - 1."""
+        """Pulse transfer function of hold, plant and dead time at z, and the derivative of its logarithm by z."""
         held = self.held_plant
+        # `beyond_one` is z - 1, given separately because the difference loses digits near z = 1
         resolvent = beyond_one[..., None, None] * np.eye(held.c.size) - held.growth
         driven = held.gamma0 + held.gamma1 / z[..., None]
         state = np.linalg.solve(resolvent, driven[..., None])[..., 0]
@@ -470,10 +469,7 @@ class BoxedResponse:
         return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:
-        """Upper bound on the deviation of each component of G from its linear expansion, (n, order).
-
-        The bound holds for all fractions of a sampling period within `half` of `fraction`, both (n,).
-        """
+        """Upper bound, (n, order), on how far G deviates from its linear expansion within `half` of `fraction`."""
         from scipy.linalg import expm
 
         a, b = self._held.a, self._held.b
@@ -597,10 +593,7 @@ class Step(NamedTuple):
 
 
 def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Boxes], list[tuple[float, float]]]:
-    """Divide boxes; return the parts that may contain a root, and each root as (dead time in periods, theta in rad).
-
-    Only roots with a dead time above `begin`, in sampling periods, are returned.
-    """
+    """Divide boxes; return the parts that may contain a root, and the roots (dead time in periods, theta in rad)."""
     expansion = response.expand(boxes.theta, boxes.fraction)
     top, rest, level = expansion.bounds(boxes.half, boxes.half_fraction)
     still = expansion.bounds(boxes.half)[2]
@@ -615,8 +608,9 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
     done = alive & ((rest < _SHARP) & np.isfinite(step.fraction_room) | tiny)
     dead_time = np.where(np.isfinite(step.fraction_room), boxes.turns - 1 + boxes.fraction + step.fraction, boxes.least)
     theta = np.minimum(boxes.theta + step.theta, math.pi)
+    # only roots beyond the dead time of the loop, `begin`
     roots = [(float(dead_time[i]), float(theta[i])) for i in np.flatnonzero(done & (dead_time > begin))]
-    # if the step leaves less than half of a box, the remaining part only matters for later turns
+    # if the step leaves less than half of a box, the other part only matters for larger numbers of turns
     narrow = alive & ~done & (step.fraction_room < boxes.half_fraction / 2)
     later = boxes._replace(turns=boxes.turns + 1, least=boxes.turns + boxes.fraction - boxes.half_fraction)
     parts = [_narrowed(boxes, step).at(narrow), later.at((narrow | done) & ~boxes.only)]
@@ -678,7 +672,7 @@ def _next_turns(
 
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
-    """Reduce each box to the part in which, by the Newton step, a root for `boxes.turns` turns can be."""
+    """Reduce each box to the part in which, by the Newton step, a root for `boxes.turns` turns may lie."""
 
     def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:
         low, high = np.clip(to - room, -half, half), np.clip(to + room, -half, half)

@@ -18,7 +18,7 @@ from .crossings import GAIN, MOST_BITS, Response
 from .rational import Rational, realise, rounded_roots
 
 _FARTHEST = 600.0  # largest dead time times |line|: exp(600) is still a double
-_SHIFT = 1e-7  # shift of the contour to the left, relative to the loop's frequencies, so that poles on the axis are counted
+_SHIFT = 1e-7  # shift of the contour to the left, relative to the loop's frequencies, to count poles on the axis
 _NEWTON_STEPS = 60  # most steps from one start value
 _FIXED_POINT_STEPS = 30  # iterations for the start values of the chain; Newton's method refines them
 _RESIDUAL = 1e-10  # largest |Q|/(|D| + |N exp|) of an accepted pole; even a double pole leaves about 1e-15
@@ -28,7 +28,7 @@ _SAME = 1e-7  # relative distance within which two computed zeros are regarded a
 
 @dataclass(frozen=True)
 class RootCount:
-    """Number of closed-loop poles right of a line parallel to the imaginary axis, by default the axis itself.
+    """Number of closed-loop poles right of the imaginary axis, or of a line parallel to it.
 
     For a sampled loop it is the number of poles outside the unit circle.
 
@@ -46,11 +46,7 @@ class RootCount:
 
 
 def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> RootCount:
-    """Count the closed-loop poles of L(s) = G(s) exp(-dead_time s) right of Re s = `line`, 1/s; inf if infinitely many.
-
-    - system: G.
-    - dead_time: s, >= 0.
-    """
+    """Number of closed-loop poles of L(s) = system(s) exp(-dead_time s) right of Re s = `line`, 1/s; it may be inf."""
     if dead_time * line < -_FARTHEST:
         return RootCount(float("inf"), False)  # exp(-tau line) would overflow
     return root_count(_moved(Response(system, dead_time), line) if line else Response(system, dead_time))
@@ -153,8 +149,7 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
 
 
 def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
-    """Approximate poles far from the origin, by fixed-point iteration."""
-    # tau s = ln(-N/D) + 2 pi j k for k = 0 to `count` - 1
+    # poles far from the origin by iteration of tau s = ln(-N/D) + 2 pi j k for k = 0 to `count` - 1
     turns = np.arange(count, dtype=float)
     s = (2 * np.pi * turns + np.pi / 2) * 1j / dead_time + 1.0 / dead_time
     with np.errstate(all="ignore"):
@@ -253,7 +248,7 @@ def _ordered(poles: Complexes) -> Complexes:
 
 
 def _confirmed(system: Rational, dead_time: float, poles: Complexes, count: int) -> bool:
-    """True if the exact number of poles right of pole number `count` equals the number of `poles` there."""
+    """True if `poles` contains all closed-loop poles right of a line near pole number `count`."""
     # the line lies just left of pole number `count`
     scale = 1e-9 * abs(poles[count - 1])
     edge = float(poles.real[count - 1]) - scale
