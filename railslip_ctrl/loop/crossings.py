@@ -138,7 +138,7 @@ _NEWTON_STEPS = 60  # most steps, bisections included
 _NOTHING_GAINED = 1e-18  # relative increase of a peak by a step below which the search ends
 _BITS_OF_A_STEP = 50  # bits that a Newton step adds at least if its slope is accurate to double precision
 REFINED_BITS = 160  # precision for margins that lose digits in doubles
-MOST_BITS = 4000  #: precision up to which a sign is computed; a number whose sign is still undecided is regarded as zero
+MOST_BITS = 4000  #: precision up to which a sign is computed; a number with an undecided sign is regarded as zero
 
 GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
 """Kinds of frequencies: gain crossovers, extrema of |L|, extrema of arg L, zeros and poles on the imaginary axis."""
