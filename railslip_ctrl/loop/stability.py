@@ -129,8 +129,8 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
     infinitely many poles with nearly equal real parts (a chain); they are listed in ascending frequency, and only poles
     right of them are compared with the root count.
 
-    The start values are eigenvalues of a discretised transport line with the states of G ([Breda2005]); Newton's method
-    refines them to rounding.
+    The start values are the eigenvalues if a transport line at Chebyshev points replaces the dead time ([Breda2005]).
+    Newton's method refines them to rounding.
     """
     num, den = system.polynomials
     if dead_time == 0 or system.gain == 0:
