@@ -406,7 +406,7 @@ def test_a_controller_of_one_s_own_is_compared_with_what_the_recommended_is(robu
 
 
 def test_a_controller_whose_hand_over_is_above_every_speed_is_not_called_unstable(robust):
-    always = changed(GIVEN, hand_over_speed=120 / 3.6)
+    always = PI(kp=190.0, ki=5.0, hand_over_speed=120 / 3.6)
     mine = recommendation._rival("mine", always, robust.envelope, False)
     said = dict(first_page(replace(robust, rivals=(mine,))).lines)["Yours"]
     assert "120 km/h" in said

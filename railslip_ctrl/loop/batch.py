@@ -1,12 +1,9 @@
-"""Margins of many dead-time loops at once: `DeadTimeLoop.margins()` for maps and sweeps, vectorised over loops.
+"""Margins of many dead-time loops at once, for maps and sweeps: `DeadTimeLoop.margins()`, vectorised over loops.
 
-The method is that of the scalar engine for one loop (`crossings`, `stability`, `margins`), applied to the frequency
-points of all loops at once (`Points`). A bound on the second derivative of ln L proves that no gain crossover is missed
-between two neighbouring points, no phase crossover that limits a margin, and no peak more than 0.1 % above the reported
-peak. Between the lowest and the highest point, root count and gain, phase and delay margins are therefore certain, and
-peaks are accurate to 0.1 %. These two points lie a factor 1e4 beyond every pole, zero and asymptotic crossover of the
-loop. The reported peaks are refined to rounding. The scalar engine computes a loop if the proof fails or rounding could
-decide.
+Each loop is evaluated at frequencies from a factor 1e4 below to a factor 1e4 above all poles, zeros and gain crossovers
+of the asymptotes. Bounds on the second derivative of ln L prove that between these frequencies no gain crossover is
+missed, no phase crossover that limits a margin, and no peak more than 0.1 % above the reported peak. `DeadTimeLoop`
+computes the loops for which the proof fails or rounding could decide.
 """
 
 from __future__ import annotations
@@ -30,19 +27,19 @@ from .rational import Rational
 Indices = NDArray[np.intp]
 Spans = tuple[Floats, Floats]
 
-#: Distance to a threshold below which the scalar engine decides; rounding is 1e-6 of it.
+#: Distance from a threshold, for example |L| = 1, below which `DeadTimeLoop` computes the loop; 1e6 times the rounding.
 DELICATE = 1e-9
 
-_NODES_PER_DECADE = 5  # enough: extrema that the nodes show are located exactly, bounds exclude or find the others
+_NODES_PER_DECADE = 5  # extrema that the nodes show are located exactly; bounds exclude or find the others
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
 _REACH = 1e4  # factor from the lowest and highest feature to the outermost nodes
 _FAR, _NODES_FAR_OUT = 1e3, 2  # in the outer factor 1e3 of `_REACH`, L is nearly its asymptote: 2 nodes per decade
 _WIDEST = 1e24  # ratio of highest to lowest node above which a loop would slow down all loops solved with it
 _EXTREME = 1e60  # rad/s; frequencies above it, or below its reciprocal, could overflow when squared
-_LEAST_DAMPING = 1e-7  # |Re|/|Im| of a complex root up to which the scalar engine computes the loop
-_PHASE_STEP = 0.5  # rad, largest change of phase over one part in the search for a peak
-_MOST_PARTS = 500  # parts of one piece in the search for a peak; the scalar engine computes loops that need more
-_MOST_HALVINGS = 6  # halvings of a piece that may hide a gain crossover; then the scalar engine computes the loop
+_LEAST_DAMPING = 1e-7  # |Re|/|Im| of a complex root up to which `DeadTimeLoop` computes the loop
+_PHASE_STEP = 0.5  # rad, largest change of phase over one interval in the search for a peak
+_MOST_PARTS = 500  # parts of one interval in the search for a peak; `DeadTimeLoop` computes loops that need more
+_MOST_HALVINGS = 6  # halvings of an interval that may hide a gain crossover; then `DeadTimeLoop` computes it
 _BLOCK = 1024  # points evaluated in one call: few enough to stay in the processor's cache
 _CHUNK = 512  # loops solved together: their points stay in the cache, and NumPy's cost per call is shared
 _ON_LEVEL = 1e-12  # as `DELICATE`, but for values at nodes, which more often lie near a threshold by chance
@@ -51,8 +48,8 @@ _OF_GAIN, _OF_PEAKS = (
     for names in (("gain_increase", "gain_decrease"), ("ms", "mt", "disk"))
 )
 _PEAK_SURE = 1e-3  # no peak exceeds the reported one by more than this, relatively
-_PARTS, _MOST_ROUNDS = 4, 8  # parts of an undecided piece, and rounds of division before the scalar engine decides
-_PEAK_GAIN = 1e-10  # a piece is searched if its bound exceeds the highest value found by more than this, relatively
+_PARTS, _MOST_ROUNDS = 4, 8  # parts of an undecided interval, and most divisions before `DeadTimeLoop` decides
+_PEAK_GAIN = 1e-10  # an interval is searched if its bound exceeds the highest known value by more than this, relatively
 
 
 @dataclass(frozen=True)
@@ -151,7 +148,7 @@ def batch_margins(
 
 
 def fill_alone(loop: DeadTimeLoop, i: int, results: dict[str, Floats]) -> None:
-    """Compute the margins of loop number i by the scalar engine, and write them into `results` by field name."""
+    """Write the margins of `loop`, computed by `DeadTimeLoop`, into element `i` of each array in `results`."""
     margins = loop.margins() if loop.is_stable() else None
     for name, column in results.items():
         column[i] = getattr(margins, name, np.nan)
@@ -191,11 +188,7 @@ def _checked(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time: Arr
 def _solve(
     loops: Loops, low: Floats, high: Floats, index: Indices, results: dict[str, Floats], requested: tuple[bool, bool]
 ) -> Flags:
-    """Compute the margins of `loops` and write them into `results` at the positions `index`.
-
-    Return an array that is True for each loop that the scalar engine must compute. `requested` is (True to compute the
-    gain margins, True to compute the peaks).
-    """
+    # the result is True for each loop that `DeadTimeLoop` must compute
     points, bent, delicate = monotone(loops, low, high)
     n = index.size
     at = points.changes(points.size)
@@ -217,7 +210,7 @@ def _solve(
         return delicate
     margins = _crossover_margins(crossovers, n)
     if any(requested):
-        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # parts keep the bound
+        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # the bound holds on both parts
         wanted = stable[points.row]
         points, bent = points.take(wanted), bent[:, wanted]
         spans = ranges(points, bent)
@@ -231,10 +224,7 @@ def _solve(
 
 
 def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Floats, Indices]:
-    """Return the smallest value of each of n loops, and the index of this value.
-
-    `rows` gives the number of the loop to which each value belongs. A loop without value gets `default` and -1.
-    """
+    """Smallest value in each of n loops, and its index; `default` and -1 for a loop without values."""
     order = np.lexsort((values, rows))
     present, position = np.unique(rows[order], return_index=True)
     smallest, number = np.full(n, default), np.full(n, -1)
@@ -244,12 +234,10 @@ def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Flo
 
 
 def _where(omega: Floats, number: Indices) -> Floats:
-    """Return `omega[number]`, with NaN where `number` is -1."""
     return np.append(omega, np.nan)[number]
 
 
 def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
-    """Return phase and delay margins of n loops by field name; they have no meaning for unstable loops."""
     angle = np.mod(crossovers.phase + np.pi, 2 * np.pi)
     phase, phase_at = _extreme(np.degrees(np.minimum(angle, 2 * np.pi - angle)), crossovers.row, n, np.inf)
     delay, delay_at = _extreme(angle / crossovers.omega, crossovers.row, n, np.inf)
@@ -262,7 +250,6 @@ def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
 
 
 def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
-    """Return the gain margins by field name, and an array: True for each loop that the scalar engine must compute."""
     off = points.phase - np.pi
     off -= 2 * np.pi * np.round(off / (2 * np.pi))
     delicate = np.zeros(n, dtype=bool)
@@ -282,8 +269,8 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
         limits.append(limit)
     nearest = np.array(limits)
 
+    # intervals that may contain an unknown phase crossover that limits the gain margins
     def may_hide(points: Points, pieces: Points, _: Floats, spans: Spans) -> Indices:
-        """Indices of the intervals that may contain an unknown phase crossover that limits the gain margins."""
         first, last = levels(pieces)
         turns, rows = (spans[1] - np.pi) / (2 * np.pi), points.row[:-1]
         hidden = (pieces.row[:-1] == pieces.row[1:]) & ((np.ceil(turns[0]) < first) | (np.floor(turns[1]) > last))
@@ -295,12 +282,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
 def _undecided(
     loops: Loops, points: Points, bent: Floats, left: Indices, test: Callable[[Points, Points, Floats, Spans], Indices]
 ) -> Flags:
-    """Divide undecided intervals `_MOST_ROUNDS` times; return True for each loop with an interval still undecided.
-
-    - left: indices of the intervals that are undecided at the start.
-    - test: function that returns the indices of the intervals that remain undecided. Its arguments are the points, the
-      same points numbered by divided interval (see `parted`), and the `bends` and `ranges` of the intervals.
-    """
+    """Divide the intervals `left` repeatedly; return True for each loop with an interval that `test` still returns."""
     for _ in range(_MOST_ROUNDS):
         if left.size == 0:
             break
@@ -312,12 +294,9 @@ def _undecided(
 
 
 def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[Floats, Floats]:
-    """For each of n loops, find the phase crossover with |L| nearest to 1; return abs ln|L| and its frequency, rad/s.
-
-    Only phase crossovers with |L| > 1 (`side` 1) or |L| < 1 (`side` -1) count. On an interval |L| is monotone and does
-    not cross 1. Therefore only one of its phase crossovers matters, the one nearest to the end at which |L| is closer
-    to 1. Intervals that cannot contain the crossover of their loop are skipped.
-    """
+    """Phase crossover of each loop with |L| nearest to 1 on one side of 1: abs(ln|L|) and frequency, rad/s."""
+    # |L| is monotone and does not cross 1 on an interval: only the crossover nearest to the end with |L| closer to 1
+    # matters, and only intervals that can contain it
     first, last = levels(points)
     size, row = points.size, points.row[:-1]
     near, far = (f(np.abs(size[:-1]), np.abs(size[1:])) for f in (np.minimum, np.maximum))
@@ -333,10 +312,6 @@ def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[F
 
 
 def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
-    """Return Ms, Mt and disk margin by field name, from the suprema of |S|, |T| and |S - 1/2|.
-
-    The second result is an array, True for each loop that the scalar engine must compute.
-    """
     dc = np.clip(loops.dc_gain(), -1e100, 1e100).astype(complex)  # with an integrator 1e100 gives the limit of |S|, |T|
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
     for loop, end in ((dc, 0.0), (np.zeros_like(dc), np.inf)):
@@ -363,7 +338,6 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     a, b = np.array(SHAPES)[kind].T
 
     def rise(found: Points, index: Indices) -> Floats:
-        """Derivative with respect to omega, s, of ln|S|, ln|T| or ln|S - 1/2|, whichever has the peak."""
         loop = found.loop()
         slope = (b - a)[index] * (found.size_slope + 1j * found.phase_slope)
         return np.asarray((slope * loop / ((1 + loop) * (a[index] + b[index] * loop))).real)
@@ -374,7 +348,6 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     most = peak * (1 + _PEAK_SURE)
 
     def may_exceed(points: Points, pieces: Points, bent: Floats, spans: Spans) -> Indices:
-        """Indices of the intervals that may contain a peak higher than the highest known peak."""
         boxes = bounds(pieces, spans)
         return np.flatnonzero(exceeding(pieces, bent[0], boxes, heights(points.loop()), most[:, points.row[:-1]]))
 
@@ -386,10 +359,6 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
 
 
 def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequencies: Floats) -> None:
-    """Replace each `peak` and its frequency `omega`, (3, n), if one of the `values`, (3, N), of its loop is higher.
-
-    `rows` and `frequencies`, (N,): number of the loop and frequency, rad/s, to which each value belongs.
-    """
     for best, where, value in zip(peak, omega, values, strict=True):
         before = best[rows]
         np.maximum.at(best, rows, np.where(np.isfinite(value), value, 0.0))
@@ -407,7 +376,7 @@ def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequenci
 class Loops:
     """Arrays of n loops: real and imaginary parts of m zeros and poles, (m, n), gain and dead time (s), (n,).
 
-    `sign`, (m,), is +1 for a zero and -1 for a pole.
+    `sign`, (m,), is 1 for a zero and -1 for a pole.
     """
 
     real: Floats
@@ -420,17 +389,16 @@ class Loops:
         return Loops(self.real[:, index], self.imag[:, index], self.sign, self.gain[index], self.dead_time[index])
 
     def single(self, i: int) -> DeadTimeLoop:
-        """Loop number i as a `DeadTimeLoop`."""
         roots = self.real[:, i] + 1j * self.imag[:, i]
         rational = Rational(roots[self.sign > 0], roots[self.sign < 0], float(self.gain[i]))
         return DeadTimeLoop(rational, float(self.dead_time[i]))
 
     def right(self, sign: int) -> Floats:
-        """Number of zeros (+1) or poles (-1) with positive real part, (n,)."""
+        """Number of zeros (`sign` 1) or poles (`sign` -1) with positive real part, (n,)."""
         return np.asarray((self.real[self.sign == sign] > 0).sum(axis=0), dtype=float)
 
     def at_origin(self, sign: int) -> Floats:
-        """Number of zeros (+1) or poles (-1) at s = 0, (n,)."""
+        """Number of zeros (`sign` 1) or poles (`sign` -1) at s = 0, (n,)."""
         chosen = self.sign == sign
         return np.asarray(((self.real[chosen] == 0) & (self.imag[chosen] == 0)).sum(axis=0), dtype=float)
 
@@ -441,7 +409,7 @@ class Loops:
             return np.asarray(turned * np.exp(self.sign @ np.log(np.hypot(self.real, self.imag))))
 
     def evaluate(self, omega: Floats, row: Indices) -> Points:
-        """Return ln|L(j omega)|, phase and slopes of the loops with the numbers `row`; `omega` and `row` are (N,)."""
+        """Evaluate the loops with the indices `row`, (N,), at the frequencies `omega`, rad/s, (N,)."""
         log_gain, turned = np.log(np.abs(self.gain)), np.where(self.gain < 0, np.pi, 0.0)
         values = np.empty((4, omega.size))
         for start in range(0, omega.size, _BLOCK):
@@ -461,9 +429,9 @@ class Loops:
 
 @dataclass(frozen=True)
 class Points:
-    """Frequencies ordered by loop (`row`), then ascending, with ln|L|, continuous phase and their slopes; arrays (N,).
+    """Frequencies, ordered by loop (index `row`), then ascending, with ln|L|, phase and their slopes; arrays (N,).
 
-    Interval number i reaches from point i to point i + 1 of the same loop.
+    Interval i lies between the points i and i + 1 of one loop.
     """
 
     row: Indices
@@ -477,7 +445,6 @@ class Points:
         return Points(*(one[chosen] for one in self._columns()))
 
     def inserted(self, at: Indices, others: Points) -> Points:
-        """Insert `others` after the points with the indices `at`."""
         size = self.row.size
         order = np.insert(np.arange(size), at + 1, np.arange(size, size + at.size))
         pairs = zip(self._columns(), others._columns(), strict=True)
@@ -497,14 +464,13 @@ class Points:
             return responses(self.loop(), self.size_slope + 1j * self.phase_slope)
 
     def loop(self) -> Complexes:
-        """L(j omega) as complex numbers."""
         return np.asarray(np.exp(np.clip(self.size, -300, 300) + 1j * self.phase))
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
-    """Return lowest and highest frequency, rad/s, at which each loop is evaluated, (n,).
+    """Return the lowest and the highest frequency, rad/s, at which each loop is evaluated, (n,).
 
-    The third array, (n,), is True for each loop that the scalar engine must compute.
+    The third array, (n,), is True for each loop that `DeadTimeLoop` must compute.
     """
     real, imag, sign, gain = loops.real, loops.imag, loops.sign, loops.gain
     sizes = np.hypot(real, imag)
@@ -529,7 +495,6 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
 
 
 def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
-    """First points (nodes) from `low` to `high`, rad/s, dense enough to resolve every pole and zero of each loop."""
     begin, end = low * _FAR, high / _FAR
     parts = [
         _spaced(*ends)
@@ -551,7 +516,6 @@ def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
 
 
 def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
-    """Points with equal ratios from `low` to `high`, shape (n, m), at least `per_decade` points per decade."""
     ratio = (high / low)[:, None]
     return np.asarray(low[:, None] * ratio ** np.linspace(0.0, 1.0, int(per_decade * np.log10(ratio.max())) + 2))
 
@@ -559,7 +523,7 @@ def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
 def located(loops: Loops, points: Points, at: Indices, function: Callable[[Points, Indices], Floats]) -> Points:
     """Return points at the zeros of `function`, one zero in each interval with an index in `at`.
 
-    `function(points, i)` gives the values at points that lie in the intervals `at[i]`.
+    `function(points, i)` gives the values at points in the intervals `at[i]`.
     """
     rows, all_of_them = points.row[at], np.arange(at.size)
     omega = bracketed_roots(
@@ -572,10 +536,9 @@ def located(loops: Loops, points: Points, at: Indices, function: Callable[[Point
 
 
 def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, Flags]:
-    """Return points from `low` to `high`, rad/s, (n,), and the `bends` of their intervals.
+    """Divide the axis from `low` to `high`, rad/s, at the extrema of ln|L| and the phase; return points and `bends`.
 
-    Between two points ln|L| and the phase are monotone, as far as their slopes at the nodes show. The third array is
-    True for each loop in which |L| nearly touches 1, or a gain crossover may be missed.
+    The third array is True for each loop in which |L| nearly touches 1 or a gain crossover may be missed.
     """
     points = _nodes(loops, low, high)
     at = points.changes(points.size_slope)
@@ -593,7 +556,7 @@ def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, F
             return points, bent, delicate
         middle = loops.evaluate(0.5 * (points.omega[pieces] + points.omega[pieces + 1]), points.row[pieces])
         points = points.inserted(pieces, middle)
-        bent = bent[:, _repeated(bent, pieces)]  # a bound on a piece holds on its parts
+        bent = bent[:, _repeated(bent, pieces)]  # the bound holds on both parts
         pieces = pieces + np.arange(pieces.size)
         pieces = np.sort(np.concatenate([pieces, pieces + 1]))
     delicate[points.row[pieces]] = True
@@ -601,7 +564,6 @@ def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, F
 
 
 def _repeated(bent: Floats, at: Indices) -> Indices:
-    """Indices of all intervals; those in `at` are repeated, because a point divides the interval."""
     return np.insert(np.arange(bent.shape[1]), at, at)
 
 
@@ -624,13 +586,8 @@ def bends(loops: Loops, points: Points) -> Floats:
 
 
 def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:
-    """True for each interval with an index in `at` on which a gain crossover may be missed.
-
-    No gain crossover is missed if the slope of ln|L|, or ln|L| itself, has one sign on the interval. The slope has one
-    sign if |s1| + |s2| > m h, where s1 and s2 are its values at the ends, h is the width of the interval and m bounds
-    |d^2 ln|L|/d omega^2| (`bend`). With the values y1 and y2 of ln|L| at the ends, ln|L| has one sign if
-    |y1| + |y2| > h max|slope|.
-    """
+    """True for each interval with an index in `at` on which a gain crossover may be missed."""
+    # no crossover is missed if ln|L| or its slope has one sign: the end values together exceed the largest change
     low, high = points.omega[at], points.omega[at + 1]
     turn = bend[at] * (high - low)
     slopes, sizes = ([values[at], values[at + 1]] for values in (points.size_slope, points.size))
@@ -641,9 +598,9 @@ def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:
 
 
 def levels(points: Points) -> tuple[Floats, Floats]:
-    """First and last integer k for which arg L takes the value pi + 2 pi k on each interval, two arrays (N - 1,).
+    """First and last integer k with pi + 2 pi k in the range of arg L on each interval, two arrays (N - 1,).
 
-    If arg L takes none of these values, the first integer is larger than the last.
+    The first exceeds the last if the range contains no such value.
     """
     turns = (points.phase - np.pi) / (2 * np.pi)
     lower, upper = np.minimum(turns[:-1], turns[1:]), np.maximum(turns[:-1], turns[1:])
@@ -653,14 +610,14 @@ def levels(points: Points) -> tuple[Floats, Floats]:
 def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
     """Lowest and highest ln|L| on each interval, (2, N - 1), and lowest and highest phase, rad, (2, N - 1).
 
-    On an interval of width h a function leaves the range of its end values by at most h^2/8 times the bound on its
-    second derivative (`bent`). The entries between the last point of a loop and the first of the next are 0.
+    The entries between the last point of a loop and the first point of the next loop are 0.
     """
     width, same, found = np.diff(points.omega), points.row[:-1] == points.row[1:], []
     for value, slope, bend in ((points.size, points.size_slope, bent[0]), (points.phase, points.phase_slope, bent[1])):
         with np.errstate(invalid="ignore", over="ignore"):
             turn = bend[:-1] * width
             steady = (slope[:-1] * slope[1:] > 0) & (np.abs(slope[:-1]) + np.abs(slope[1:]) > turn)
+            # between its end values a function deviates by at most width^2/8 times its second derivative
             over = np.where(steady, 0.0, turn * width / 8)
         ends = np.minimum(value[:-1], value[1:]) - over, np.maximum(value[:-1], value[1:]) + over
         found.append(np.where(same, np.stack(ends), 0.0))
@@ -675,9 +632,7 @@ def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
 def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most: Floats) -> Flags:
     """True for each interval on which |S|, |T| or |S - 1/2| may exceed its limit in `most`, (3, N - 1).
 
-    Two upper bounds are compared with the limit. The first is `boxes`, (3, N - 1). The second is a sum: the larger of
-    the two end values (`values`, (3, N)), and a bound on the curvature. The second derivative of S and of T is, up to
-    sign, S T (l' + l^2 (S - T)) with l = d ln L/d omega; `bend` bounds |l'|.
+    `boxes`, (3, N - 1), are upper bounds on the intervals, and `values`, (3, N), are the magnitudes at the points.
     """
     open_ones = np.any(boxes > most, axis=0)
     at = np.flatnonzero(open_ones)
@@ -685,20 +640,16 @@ def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most:
     slope = np.hypot(points.size_slope, points.phase_slope)
     steepest = np.maximum(slope[at], slope[at + 1]) + 0.5 * bend * width
     ends = np.maximum(values[:, at], values[:, at + 1])
+    # the second derivative of S and of T is S T (l' + l^2 (S - T)), up to sign, with l = d ln L/d omega
     curved = width * width / 8 * s * t * (bend + steepest * steepest * 2 * d)  # |S - T| is 2 |S - 1/2|
     open_ones[at] = ~np.all(ends + curved <= most[:, at], axis=0)
     return np.asarray(open_ones)
 
 
 def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indices) -> tuple[Points, Points, Floats]:
-    """Divide intervals into equal parts; return the points at the ends of the parts (twice) and the parts' `bends`.
+    """Divide each interval in `at` into equal `parts`; return their ends as points, twice, and their `bends`.
 
-    - bent: `bends` of all intervals.
-    - at: indices of the intervals to be divided.
-    - parts: number of parts of each of these intervals.
-
-    In the first result `row` is the number of the loop; in the second it is the number of the divided interval.
-    Therefore no interval of the second result joins points of two divided intervals.
+    `row` is the index of the loop in the first result, and the number of the divided interval in the second.
     """
     piece = np.repeat(np.arange(at.size), parts + 1)
     step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]

@@ -1,7 +1,6 @@
 """Crossovers, gain limits and peaks of loops from bounds on ln L over intervals of frequency, without polynomials.
 
-A subclass gives L, its slope, and a bound on how far ln L deviates from its linear expansion. With this bound
-`BoundedLoop` divides the frequency axis into intervals so short that no crossover and no peak can be missed.
+A subclass of `BoundedLoop` gives L, its slope, and a bound on how far ln L deviates from its linear expansion.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from .deadtime import Loop, unstable_error
 from .margins import Margins, Peaks, by_distance, heights, responses, smallest_of, top_of
 
 ROUNDING = 1e-12  # bound on the rounding of ln L, many times the largest observed
-_ONE = 1e-9  # if |ln|L|| is below this over a whole interval, |L| counts as 1 there and has no crossover
+_ONE = 1e-9  # if |ln|L|| is below this over a whole interval, |L| is regarded as 1 there, without a crossover
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
 _PEAK = 1e-6  # among nearly equal peaks the reported one may be below the highest by this, relatively
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
-_PARTS = 4  # parts of a divided interval: more parts need more frequencies, fewer parts need more passes
+_PARTS = 4  # intervals into which one is divided: more need more frequencies, fewer need more passes
 _ENDS = np.array([0.0, np.inf])
 
 
@@ -34,10 +33,9 @@ class Expansion(NamedTuple):
     """Linear expansion of ln L about the middles of n frequency intervals, with bounds on the deviation.
 
     - value, slope: array (n,); ln L and its derivative with respect to omega, s, at the middles.
-    - bounds: function of the half widths of the intervals, (n,), rad/s. It returns three arrays (n,) of upper bounds on
-      deviations from the linear expansion: that of ln L, that of ln|L|, and that of ln L on intervals of twice the
-      width. A bound is inf if none exists. The bounds on ln L also hold for complex frequencies in the disk that has
-      the interval as diameter.
+    - bounds: function of the half widths of the intervals, (n,), rad/s. It returns three upper bounds, (n,) each, on
+      the deviation of ln L, of ln|L|, and of ln L on intervals of twice the width; inf if no bound exists. The bounds
+      on ln L also hold for complex frequencies in the disk that has the interval as diameter.
     """
 
     value: Complexes
@@ -56,7 +54,7 @@ class BoundedLoop(Loop):
         """L at frequency 0; infinite with an integrator."""
 
     def dcgain(self) -> float:
-        """L at frequency 0, under the name python-control uses; infinite with an integrator."""
+        """The value of `dc_gain`, under the name python-control uses."""
         return self.dc_gain
 
     @abstractmethod
@@ -65,10 +63,7 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _edges(self) -> Floats:
-        """Ends of the first frequency intervals, rad/s, ascending.
-
-        They begin far below the slowest pole or zero. They end at pi/h of a sampled loop, else where |L| is small.
-        """
+        """Ends of the first frequency intervals, rad/s, ascending."""
 
     @abstractmethod
     def _expand(self, omega: Floats) -> Expansion:
@@ -80,10 +75,7 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _added_delay(self) -> tuple[float, float]:
-        """Least added dead time that destabilises the loop, s, and the frequency of the pole at the limit, rad/s.
-
-        The result is inf and NaN if no added dead time destabilises it.
-        """
+        """Smallest added dead time that destabilises, s, and frequency of the pole there, rad/s; or inf and NaN."""
 
     @abstractmethod
     def _unstable_description(self) -> tuple[str, str]:
@@ -130,9 +122,7 @@ class BoundedLoop(Loop):
     def margins(self) -> Margins:
         """All margins of the loop; see `Margins`.
 
-        Frequencies are > 0; a sampled loop with period h has no frequencies above pi/h. Crossovers and peaks are
-        located in intervals that cannot contain a second one, then refined to rounding. Raises UnstableLoopError if the
-        closed loop is unstable.
+        Crossovers and peaks of a sampled loop with period h are those at frequencies up to pi/h.
         """
         if not self.is_stable():
             raise unstable_error(*self._unstable_description(), self.root_count.right, self.stabilizing_gain_range)
@@ -161,11 +151,8 @@ class BoundedLoop(Loop):
 
     @cached_property
     def _nodes(self) -> Floats:
-        """Frequencies, rad/s, ascending, close enough that no crossover and no peak is missed between two of them.
-
-        Intervals are divided until bounds prove the following for each interval. |L| - 1 and the phase minus 180 deg
-        each cross 0 at most once. Each of |S|, |T| and |S - 1/2| is monotone, or smaller than at some other frequency.
-        """
+        # divide until |L| - 1 and the phase minus 180 deg each cross 0 at most once on an interval, and |S|, |T| and
+        # |S - 1/2| are each monotone or lower than at another frequency
         edges = self._edges()
         nodes, best = [edges], np.log(np.maximum(self._at_ends().max(axis=1), 1e-300))
         omega, half = (edges[:-1] + edges[1:]) / 2, np.diff(edges) / 2
@@ -193,16 +180,14 @@ class BoundedLoop(Loop):
 
     @cached_property
     def _at_nodes(self) -> tuple[Complexes, Complexes]:
-        """L and d ln L/d omega at the nodes."""
         return self.response_and_slope(self._nodes)
 
     def _at_ends(self) -> Floats:
-        """|S|, |T| and |S - 1/2| at frequency 0, and at infinity if the axis reaches there; |L| is limited to 1e100."""
+        # with an integrator 1e100 gives the limits of |S| and |T|
         values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
         return heights(values)
 
     def _roots(self, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
-        """Refined frequencies, rad/s, at which a real function of L changes sign; `values`: function at the `nodes`."""
         at = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
         ends = values[at], values[at + 1]
         return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1], ends)
@@ -215,7 +200,6 @@ class BoundedLoop(Loop):
         return [(-1 / self.dc_gain, 0.0), *limits] if -math.inf < self.dc_gain < 0 else limits
 
     def _peaks(self, nodes: Floats, response: Complexes, slope: Complexes) -> Peaks:
-        """Largest |S|, |T| and |S - 1/2| from frequency 0 to the last node, and their frequencies, rad/s."""
         sizes, rises = responses(response, slope)
         inner = sizes[:, 1:-1]
         kinds, left = np.nonzero((inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]))
@@ -232,11 +216,8 @@ class BoundedLoop(Loop):
 
 
 def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
-    """Upper bounds on the deviations of ln S, ln T and ln(S - 1/2) from linear functions of frequency, (3, n).
-
-    On each interval the linear expansion of ln L changes by at most `linear`, and ln L deviates from it by at most
-    `rest`. `loop` is L at the middle of the interval.
-    """
+    """Upper bounds on the deviations of ln S, ln T and ln(S - 1/2) from linear functions of frequency, (3, n)."""
+    # ln L changes by at most `linear` along its linear expansion, and deviates from it by at most `rest`
     grown = np.expm1(linear + rest)
 
     def of_sum(part: Complexes) -> Floats:  # ln(1 + part (exp(u) - 1))

@@ -1,9 +1,8 @@
-"""Certificates: proved intervals (enclosures) for the margins of a dead-time loop, by ball (interval) arithmetic.
+"""Certificates: proved intervals (enclosures) for the margins of a loop, by ball (interval) arithmetic.
 
-Root count, gain, phase and delay margins follow from roots of polynomials, each enclosed in a ball (`crossings`). For
-Ms and Mt the frequency axis is divided into intervals; on each of them |S| and |T| are proved to be below the upper end
-of the enclosure. The lower end is a value that |S| or |T| attains. If the controller contains delays, the solutions of
-|L| = 1 are not roots of a polynomial. Then all enclosures follow from bounds on frequency intervals (`_Delayed`).
+Root count, gain, phase and delay margins of a dead-time loop follow from roots of polynomials, each enclosed in a ball.
+Ms and Mt are bounded on intervals that cover the frequency axis. If the controller contains delays, the frequencies
+with |L| = 1 are not roots of a polynomial; then all enclosures follow from bounds on frequency intervals.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ WIDTH = 1e-9  #: largest relative width of an enclosure
 
 _BITS = (80, 320, 1280, 4000)  # precisions tried, in this order
 _ABOVE = 0.4 * WIDTH  # relative distance from a peak's attained value to the upper end of its enclosure
-_BESIDE = 1e-6  # largest relative distance of a peak's frequency from the frequency found in doubles
+_BESIDE = 1e-6  # largest relative error of a peak's frequency computed in doubles
 _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is divided first
 _MOST_PARTS = 50_000  # largest number of frequency intervals; if it is exceeded, the next precision is tried
 _FARTHEST = arb(2) ** 1000  # rad/s; largest frequency, still a double
-_STEP_OUT = 256.0  # a part that reaches to 0 or infinity is divided this factor away from its other end
+_STEP_OUT = 256.0  # an interval that reaches to 0 or infinity is divided this factor away from its other end
 
 
 class CertificateError(RailslipError, ArithmeticError):
@@ -43,7 +42,7 @@ class CertificateError(RailslipError, ArithmeticError):
 
 
 class _TooWideError(Exception):
-    """At the current precision a ball is too wide: it does not decide a sign, or does not enclose closely enough."""
+    """A ball is too wide, at the current precision, to decide a sign or to enclose a margin closely enough."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,7 @@ class Certificate:
     - unstable_poles: number of closed-loop poles with real part >= 0.
     - gain_crossovers: enclosures of all frequencies with |L| = 1, rad/s.
     - bits: precision of the ball arithmetic; the relative width of a ball is 2^-bits.
-    - parts: number of frequency intervals on which |S| and |T| were bounded; 0 without dead time, because then the
-      peaks follow from roots of polynomials.
+    - parts: number of frequency intervals on which |S| and |T| were bounded; 0 without dead time.
     - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt: enclosures of the margins with these names in `Margins`:
       factors, deg, s, ratios. All are None for an unstable loop. Both ends are inf for a margin without bound.
       `gain_decrease` is (0, 1e-9) if L(0) < -1e9, the value that an integrator with rounded coefficients has.
@@ -83,8 +81,7 @@ class Certificate:
 def certify(response: Response, margins: Margins | None) -> Certificate:
     """Compute the certificate of a loop; `margins` are its margins, or None if it is unstable.
 
-    Raises CertificateError if the highest precision, 4000 bits, does not suffice. The loop is then so near the
-    stability boundary that double precision cannot separate it from the boundary.
+    Raises CertificateError if 4000 bits do not suffice; the loop is then on the stability boundary in double precision.
     """
     count = root_count(response, certain=True)
     crossovers = tuple(_ends(omega) for omega, _ in response.exact.frequencies(GAIN))
@@ -124,7 +121,6 @@ def _ends(ball: arb) -> Enclosure:
 
 
 def _narrow(ball: arb) -> Enclosure:
-    """Lower and upper end of a ball; _TooWideError if its relative width exceeds `WIDTH`."""
     low, high = _ends(ball)
     if high - low > WIDTH * abs(high):
         raise _TooWideError
@@ -132,7 +128,6 @@ def _narrow(ball: arb) -> Enclosure:
 
 
 def _least(balls: Iterable[arb]) -> arb:
-    """Ball that contains the smallest of the numbers enclosed by `balls`; infinity if no ball is given."""
     return reduce(arb.min, balls, arb.pos_inf())
 
 
@@ -141,18 +136,15 @@ def _least(balls: Iterable[arb]) -> arb:
 
 @dataclass(frozen=True)
 class _End:
-    """Values at an end of a frequency interval: frequency, 0 to inf; ln|L| as a double; arg L/pi.
+    """End of a frequency interval: frequency, ln|L|, and arg L/pi, which is None where the phase tends to -infinity."""
 
-    `half_turns`, arg L/pi, is None where the phase tends to -infinity.
-    """
-
-    omega: arb
+    omega: arb  # rad/s, from 0 to infinity
     size: float
     half_turns: arb | None
 
 
 def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
-    """Yield both ends of each frequency interval with monotone |L| and phase, and True if |L| > 1 on this interval."""
+    """Yield both ends of each frequency interval with monotone |L| and phase, and True if |L| > 1 on the interval."""
     exact = response.exact
     kinds = (GAIN, SIZE, PHASE, AXIS)
     nodes = [(w, kind, i, n % 2) for kind in kinds for i, (w, n) in enumerate(exact.frequencies(kind, bits))]
@@ -171,11 +163,7 @@ def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
 
 
 def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
-    """Smallest factor > 1 and largest factor < 1 on the loop gain that put a closed-loop pole on the imaginary axis.
-
-    |L| is monotone on each frequency interval of `_pieces`. Therefore only one phase crossover of an interval can limit
-    the gain, the one with |L| nearest to 1.
-    """
+    # |L| is monotone on an interval: only the phase crossover with |L| nearest to 1 can limit the gain
     up: list[arb] = []  # values of 1/|L| > 1; `down` has values of |L| > 1
     down: list[arb] = []
     for start, end, large in _pieces(response, bits):
@@ -197,10 +185,7 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
 
 
 def _first_odd(near: _End, far: _End) -> int | None:
-    """First odd integer that arg L/pi takes between `near` and `far`, counted from `near`; None if it takes none.
-
-    The values at the ends do not count.
-    """
+    """First odd integer strictly between the values of arg L/pi at `near` and at `far`; None if there is none."""
     if near.half_turns is None:
         return None  # phase crossovers accumulate at infinity; the limit of |L| there is a gain limit of its own
     rising = far.half_turns is not None and float(far.half_turns.mid()) > float(near.half_turns.mid())
@@ -218,10 +203,7 @@ def _first_odd(near: _End, far: _End) -> int | None:
 
 
 def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
-    """Frequency between `start` and `end` at which arg L = `odd` pi, found by Newton's method.
-
-    It is proved that arg L - `odd` pi changes sign within the returned ball; _TooWideError if this proof fails.
-    """
+    """Ball that is proved to contain a frequency, rad/s, at which arg L = `odd` pi."""
     first, last = (-math.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end))
     found = phase_crossover(response, float(start.omega.mid()), float(end.omega.mid()), first, last, odd)
     omega = response.exact.phase_crossover(found, response.turned(found)[1], odd)
@@ -233,7 +215,6 @@ def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> ar
 
 
 def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
-    """Smallest abs(phase margin), deg, and smallest delay margin, s, over all gain crossovers."""
     phases, delays = [], []
     for omega, _ in response.exact.frequencies(GAIN, bits):
         half = response.exact.argument(omega) / arb.pi()
@@ -251,7 +232,6 @@ def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
 
 
 def _peaks(response: Response, margins: Margins, bits: int) -> tuple[tuple[arb, arb], int]:
-    """Ms and Mt, and the number of intervals into which the frequency axis was divided to bound them."""
     if response.dead_time > 0:
         cover = _Cover(response, margins, bits)
         return cover.peaks(), cover.parts
@@ -260,8 +240,6 @@ def _peaks(response: Response, margins: Margins, bits: int) -> tuple[tuple[arb, 
 
 
 class _Cover:
-    """Division of the frequency axis into intervals with bounds on |S| and |T|."""
-
     def __init__(self, response: Response, margins: Margins, bits: int) -> None:
         self._response, self._bits = response, bits
         zeros, poles = response.exact.roots()
@@ -273,7 +251,6 @@ class _Cover:
         self.parts = 0
 
     def peaks(self) -> tuple[arb, arb]:
-        """Ms and Mt as balls, from a value that |S| or |T| attains to a bound proved on the whole frequency axis."""
         attained = [self._peak(shape, omega) for shape, omega in zip(SHAPES[:2], self._frequencies, strict=True)]
         self._most = [value.upper() * (1 + _ABOVE) for value in attained]
         for start, end, _ in _pieces(self._response, self._bits):
@@ -281,7 +258,6 @@ class _Cover:
         return attained[0].union(self._most[0]), attained[1].union(self._most[1])
 
     def _peak(self, shape: tuple[float, float], omega: float) -> arb:
-        """Peak of |S| or |T| near the frequency `omega`, rad/s; for 0 or infinity the limit there."""
         if 0 < omega < math.inf:
             found, peak = self._response.exact.peak(*shape, omega * (1 - _BESIDE), omega, omega * (1 + _BESIDE))
             self._near += [found * (1 + side * away) for side in (-1, 1) for away in _NEAR_PEAK.tolist()]
@@ -290,18 +266,13 @@ class _Cover:
         return abs((shape[0] * den + shape[1] * num) / (num + den))
 
     def _fraction_at(self, omega: float) -> tuple[arb, arb]:
-        """Limit of L at frequency 0 or infinity as numerator and denominator.
-
-        With dead time L has no limit at infinity, because its phase takes every value. The result is then -|G(inf)|,
-        the value nearest to -1.
-        """
+        # with dead time L(inf) takes every phase; -|G(inf)| is the value nearest to -1
         if omega == 0:
             return arb(self._response.exact.numerator[0]), arb(self._response.exact.denominator[0])
         through = self._response.exact.through
         return arb(-abs(through) if self._response.dead_time > 0 else through), arb(1)
 
     def _cover(self, start: _End, end: _End) -> None:
-        """Divide the interval from `start` to `end` until |S| and |T| are proved to be below their bounds on it."""
         inside = sorted((w.mid() for w in self._near if start.omega < w < end.omega), key=float)
         edges = [start, *(self._end(w) for w in inside), end]
         left = list(pairwise(edges))
@@ -318,10 +289,7 @@ class _Cover:
         return _End(omega, math.nan, self._response.exact.argument(omega) / arb.pi())
 
     def _below_to_second_order(self, low: arb, high: arb) -> bool:
-        """True if |S| and |T| are proved to be below their bounds between two frequencies.
-
-        The proof uses value and slope in the middle and a bound on the second derivative.
-        """
+        # value and slope in the middle, and a bound on the second derivative
         if not (low > 0 and high.is_finite()):
             return False
         middle = ((low + high) / 2).mid()
@@ -349,10 +317,7 @@ class _Cover:
         )
 
     def _below_in_box(self, low: _End, high: _End) -> bool:
-        """True if |S| and |T| are proved to be below their bounds between two frequencies.
-
-        The proof uses |1 + L|^2 >= 1 + m^2 - 2 m c with m = |L| and cos(arg L) >= -c.
-        """
+        # |1 + L|^2 >= 1 + m^2 - 2 m c with m = |L| and cos(arg L) >= -c
         sizes = [self._size_at(one.omega) for one in (low, high)]
         c = _towards_minus_one(low.half_turns, high.half_turns)
         inverses = [arb.pos_inf() if size.is_zero() else 1 / size if size.is_finite() else arb(0) for size in sizes]
@@ -360,7 +325,6 @@ class _Cover:
         return all(square > 0 and 1 / square.sqrt() < most for square, most in zip(squares, self._most, strict=True))
 
     def _size_at(self, omega: arb) -> arb:
-        """|L| at a frequency, or the limit of |L| at 0 or infinity."""
         if omega > 0 and omega.is_finite():
             at = next((size for one, size in self._on_axis if omega.overlaps(one)), None)
             return abs(self._response.exact.value(omega)[0]) if at is None else at
@@ -386,7 +350,6 @@ def _least_square(sizes: Sequence[arb], c: arb) -> arb:
 
 
 def _between(low: _End, high: _End) -> arb:
-    """Frequency, rad/s, at which the interval from `low` to `high` is divided."""
     if not low.omega > 0:
         middle = high.omega.mid() / _STEP_OUT if high.omega.is_finite() else arb(1)
     elif not high.omega.is_finite():
@@ -405,9 +368,9 @@ def _between(low: _End, high: _End) -> arb:
 Terms = Sequence[tuple[float, Iterable[float]]]
 """Terms of a sum of polynomials times exp(-delay s): pairs of delay, s, and coefficients in descending powers of s."""
 
-# First division: number of parts with equal ratio of their ends, and lowest end as a fraction of the highest frequency
+# First division: number of intervals with equal ratio of their ends, and lowest end relative to the highest frequency
 _FIRST_PARTS, _LOWEST = 64, 1e-6
-_APART = 1.5  # least ratio of |D + N| at the middle of a part to its change over half the part; D + N turns < 90 deg
+_APART = 1.5  # least ratio of |D + N| in the middle of an interval to its change to the ends: D + N turns < 90 deg
 _MOST_DELAYED = 20_000  # largest number of frequency intervals; each takes some thousand ball operations
 _HALVINGS = 8  # bisections of a bracket in addition to `DOUBLE_BITS`
 
@@ -429,7 +392,7 @@ class _Sum:
         self._balls: dict[int, list[list[tuple[arb, acb_poly]]]] = {}
 
     def _bare(self, s: acb, order: int) -> acb:
-        """Derivative, of the given `order`, of the sum that is not divided by s^removed."""
+        """Derivative, of the given `order`, of the sum without the division by s^removed."""
         if ctx.prec not in self._balls:
             self._balls[ctx.prec] = [
                 [(arb(tau), acb_poly(arb_poly(one))) for tau, one in each] for each in self.derivatives
@@ -445,7 +408,6 @@ class _Sum:
         return value, acb(0, 1) * (self._bare(s, 1) / s**r - r * value / s)
 
     def over(self, low: arb, high: arb) -> _Part:
-        """Value at the middle frequency; enclosures of values and derivatives on the interval from `low` to `high`."""
         middle, r = ((low + high) / 2).mid(), self.removed
         value, rate = self.at(middle)
         if r and high * self._longest < 1:  # near 0: a divided difference is a mean of the derivative
@@ -459,7 +421,7 @@ class _Sum:
         return _Part(value, value + rates * offset, rates)
 
     def total(self, omega: arb) -> arb:
-        """Upper bound on the magnitude of the sum that is not divided by s^removed: sum of the terms' magnitudes."""
+        """Sum of the magnitudes of all terms, without the division by s^removed."""
         return sum(
             (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
         )
@@ -504,8 +466,6 @@ def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | Non
 
 
 class _Delayed:
-    """Certificate of L = N/D from bounds on frequency intervals."""
-
     def __init__(self, num: _Sum, den: _Sum, margins: Margins | None) -> None:
         self._num, self._den, self._margins = num, den, margins
         lead = den.derivatives[0][0][1]
@@ -543,18 +503,13 @@ class _Delayed:
         return Certificate(True, False, 0.0, crossovers, bits, parts, *ends)
 
     def _large_and_negative(self) -> bool:
-        """True if L(0) < -1e9, the value that an integrator with rounded coefficients has.
-
-        Then a gain factor below 1e-9 destabilises the loop.
-        """
+        """True if L(0) < -1e9, as for an integrator with rounded coefficients."""
         num, den = self._num.at(arb(0))[0].real, self._den.at(arb(0))[0].real
         return bool(num * den < 0 and abs(den) < WIDTH * abs(num))
 
     def _cover(self) -> tuple[int, int]:
-        """Number of closed-loop poles right of the imaginary axis, and number of frequency intervals.
-
-        The number of poles follows from the change of the phase of D + N along the imaginary axis.
-        """
+        """Number of closed-loop poles right of the imaginary axis, and number of frequency intervals."""
+        # the change of the phase of D + N along the imaginary axis gives the number of poles
         end = self._end()
         edges = [arb(0), *(end * _LOWEST ** (1 - k / _FIRST_PARTS) for k in range(_FIRST_PARTS)), end]
         left, parts, turned = list(pairwise(edge.mid() for edge in edges)), 0, arb(0)
@@ -575,7 +530,7 @@ class _Delayed:
         return int(count), parts
 
     def _end(self) -> arb:
-        """A frequency, rad/s, beyond which the highest power of s in D alone proves `certify_delayed`'s statements."""
+        """Frequency, rad/s, above which the highest power of s in D proves the statements in `certify_delayed`."""
         end = arb(1)
         while True:
             lead = abs(self._lead) * end ** (self._order + self._den.removed)
@@ -588,7 +543,7 @@ class _Delayed:
                 raise _TooWideError
 
     def _proved(self, low: arb, high: arb) -> bool:
-        """True if the statements of `certify_delayed` are proved from `low` to `high`; store a gain crossover there."""
+        """True if the statements in `certify_delayed` are proved from `low` to `high`; store a gain crossover there."""
         half = (high - low) / 2
         num, den = self._num.over(low, high), self._den.over(low, high)
         both = _Part(*(a + b for a, b in zip(num, den, strict=True)))
@@ -596,8 +551,7 @@ class _Delayed:
             return False
         (n, n_rate), (d, d_rate), (f, f_rate) = num.square, den.square, both.square
 
-        def sign(value: arb, rate: arb) -> int:
-            """Sign of a function on the interval, from `value` at the middle and derivative `rate`; 0 if undecided."""
+        def sign(value: arb, rate: arb) -> int:  # 0 if not proved on the whole interval
             moved = half * abs(rate)
             return 1 if value > moved else -1 if value < -moved else 0
 
@@ -637,7 +591,6 @@ class _Delayed:
         return reduced
 
     def _closed(self, omega: arb) -> acb:
-        """Characteristic function D + N at j omega."""
         return self._num.at(omega)[0] + self._den.at(omega)[0]
 
     def _product(self, omega: arb) -> acb:
@@ -645,7 +598,6 @@ class _Delayed:
         return self._num.at(omega)[0] * self._den.at(omega)[0].conjugate()
 
     def _gap(self, omega: arb) -> arb:
-        """Difference |N| - |D| at j omega; it has the same sign as |L| - 1."""
         return abs(self._num.at(omega)[0]) - abs(self._den.at(omega)[0])
 
     def _angle(self, omega: arb) -> arb:
@@ -669,7 +621,7 @@ class _Delayed:
         return low.union(high)
 
     def _factor(self, factor: float, omega: float) -> arb:
-        """Gain margin as a ball, from the margin `factor` and its frequency `omega`, rad/s, in double precision."""
+        """Gain margin as a ball, from its value `factor` and its frequency `omega`, rad/s, in double precision."""
         if not math.isfinite(omega):
             if factor > 0:
                 raise CertificateError(
@@ -684,7 +636,7 @@ class _Delayed:
         return abs(self._den.at(at)[0]) / abs(self._num.at(at)[0])
 
     def _peak(self, kind: int, omega: float) -> arb:
-        """|S| (`kind` 0) or |T| (1) at the frequency `omega`, rad/s, of its peak, computed in double precision."""
+        """|S| (`kind` 0) or |T| (`kind` 1) at the frequency `omega`, rad/s."""
         if math.isinf(omega):
             return arb(1 - kind)
         return abs((self._den, self._num)[kind].at(arb(omega))[0]) / abs(self._closed(arb(omega)))

@@ -1,8 +1,8 @@
 """Gain crossovers, phase crossovers and extrema of a loop L(s) = G(s) exp(-tau s).
 
-Gain crossovers and the extrema of |L| and of its phase are roots of exact polynomials (`ExactLoop`). They divide the
-frequency axis into intervals (`Piece`) on which |L| and the phase are monotone. The phase at both ends of an interval
-therefore gives the number of its phase crossovers; each of them is refined to rounding (`monotone_root`).
+Gain crossovers and the extrema of |L| and arg L are roots of exact polynomials (`ExactLoop`). They divide the frequency
+axis into intervals (`Piece`) on which |L| and arg L are monotone. The phase at both ends of an interval therefore gives
+the number of its phase crossovers.
 """
 
 from __future__ import annotations
@@ -91,11 +91,8 @@ def bracketed_roots(
 
 
 def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f3: Floats, least: Floats) -> Floats:
-    """Next point of Chandrupatla's method in the bracket [x1, x2], as a fraction of the bracket.
-
-    It is found by inverse quadratic interpolation through three points, or is the middle if that is not reliable. The
-    fraction is at least `least` and at most 1 - `least`.
-    """
+    """Next point of Chandrupatla's method in the bracket [x1, x2], as a fraction of its width."""
+    # inverse quadratic interpolation through three points, or bisection where that is not reliable
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         of12, of13, of32 = f1 - f2, f1 - f3, f3 - f2
         xi, phi = (x1 - x2) / (x3 - x2), of12 / of32
@@ -141,14 +138,14 @@ _NEWTON_STEPS = 60  # most steps, bisections included
 _NOTHING_GAINED = 1e-18  # relative increase of a peak by a step below which the search ends
 _BITS_OF_A_STEP = 50  # bits that a Newton step adds at least if its slope is accurate to double precision
 REFINED_BITS = 160  # precision for margins that lose digits in doubles
-MOST_BITS = 4000  #: precision up to which a sign is computed; if it is still undecided, the number counts as zero
+MOST_BITS = 4000  #: precision up to which a sign is computed; a number with an undecided sign is regarded as zero
 
 GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
 """Kinds of frequencies: gain crossovers, extrema of |L|, extrema of arg L, zeros and poles on the imaginary axis."""
 
 
 class ExactLoop:
-    """A loop of a `Rational` G(s) = N(s)/D(s) and a `dead_time`, s, as exact polynomials."""
+    """The loop L(s) = G(s) exp(-dead_time s) with exact polynomials; `dead_time` in s."""
 
     def __init__(self, system: Rational, dead_time: float) -> None:
         self._system = system
@@ -158,17 +155,14 @@ class ExactLoop:
         self._made: dict[int, list[tuple[acb_poly, acb_poly]]] = {}
 
     def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
-        """Pickle the arguments of the constructor, because FLINT's numbers cannot be pickled."""
-        return ExactLoop, (self._system, self._given)
+        return ExactLoop, (self._system, self._given)  # FLINT's numbers cannot be pickled
 
     @property
     def numerator(self) -> fmpq_poly:
-        """Numerator polynomial N(s), gain included."""
         return self._system.polynomials[0]
 
     @property
     def denominator(self) -> fmpq_poly:
-        """Denominator polynomial D(s)."""
         return self._system.polynomials[1]
 
     @property
@@ -197,7 +191,7 @@ class ExactLoop:
     def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
         """All frequencies > 0, rad/s, of a `kind` (`GAIN`, `SIZE`, `PHASE` or `AXIS`), ascending.
 
-        Each is a pair: ball of relative width 2^-bits, and multiplicity.
+        Each is a ball of relative width 2^-bits and its multiplicity.
         """
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):
@@ -212,7 +206,6 @@ class ExactLoop:
 
     @property
     def _balls(self) -> list[tuple[acb_poly, acb_poly]]:
-        """N and D, their first derivatives and their second derivatives, as balls of FLINT's current precision."""
         if ctx.prec not in self._made:
             both = [(self.numerator, self.denominator)]
             for _ in range(2):
@@ -221,7 +214,7 @@ class ExactLoop:
         return self._made[ctx.prec]
 
     def phase_crossover(self, omega: float, slope: float, odd: int) -> arb:
-        """Frequency, rad/s, near `omega` at which arg L = `odd` pi, refined; `slope` is d(arg L)/d omega, s."""
+        """Refine the frequency `omega`, rad/s, at which arg L = `odd` pi; `slope` is d(arg L)/d omega, s."""
         refined = arb(omega)
         for _ in range(ctx.prec // _BITS_OF_A_STEP + 1):
             refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
@@ -235,11 +228,8 @@ class ExactLoop:
         return abs(a * den + b * num) / abs(den + num)
 
     def peak(self, a: float, b: float, low: float, start: float, high: float) -> tuple[arb, arb]:
-        """Frequency, rad/s, and height of the peak of |a + b L|/|1 + L| between `low` and `high`, rad/s.
-
-        a = 1, b = 0 give |S|, a = 0, b = 1 give |T|. From `start` on, Newton's method minimises |1 + L|^2/|a + b L|^2,
-        which is nearly a parabola even for a sharp peak.
-        """
+        """Frequency and height of the peak of `size_at` between `low` and `high`, rad/s, searched from `start`."""
+        # Newton's method minimises |1 + L|^2/|a + b L|^2, which is nearly a parabola even for a sharp peak
         delay, below, omega, above = arb(self._dead_time), arb(low), arb(start), arb(high)
         for _ in range(_NEWTON_STEPS):
             s = acb(0, omega)
@@ -264,10 +254,7 @@ class ExactLoop:
         return omega, self.size_at(a, b, omega)
 
     def peaks(self) -> list[tuple[arb, float]]:
-        """Suprema of |S|, |T| and |S - 1/2| over all frequencies, and their frequencies, rad/s.
-
-        Only for a loop without dead time.
-        """
+        """Suprema of |S|, |T| and |S - 1/2|, and their frequencies, rad/s; only for a loop without dead time."""
         n, d = self.numerator, self.denominator
         below = Axis(n + d).power
         return [largest_root_of_ratio(Axis(one).power, below) for one in (d, n, (d - n) / 2)]
@@ -284,7 +271,7 @@ class ExactLoop:
         return self._roots[ctx.prec]
 
     def argument(self, omega: arb, side: int = 0) -> arb:
-        """Continuous phase of L(j omega), rad, at FLINT's current precision; the same function as `Response.phase`.
+        """Continuous phase of L(j omega), rad, as a ball of FLINT's current precision.
 
         At a zero or pole on the imaginary axis the phase jumps; `side` 1 gives its value above the jump, -1 below.
         """
@@ -293,7 +280,7 @@ class ExactLoop:
         return turned + zeros - poles - arb(self._dead_time) * omega
 
     def offset(self, kind: str, index: int) -> tuple[int, float]:
-        """Split arg L/pi into the nearest odd number and the signed rest, at frequency number `index` of a `kind`.
+        """Nearest odd number to arg L/pi, and the signed rest, at frequency number `index` of a `kind`.
 
         The rest is 0.0 if a precision of `MOST_BITS` does not separate it from zero.
         """
@@ -326,10 +313,7 @@ class ExactLoop:
 
 
 def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
-    """Continuous argument of prod(j omega - roots), rad, in ball arithmetic; see `rational.angle_sum`.
-
-    At a root on the imaginary axis the argument jumps; `side` 1 gives its value above the jump, -1 below.
-    """
+    """Continuous argument of prod(j omega - roots), rad, as a ball; `side` as in `ExactLoop.argument`."""
     total = arb(0)
     for root in roots:
         away = omega - root.imag
@@ -360,15 +344,11 @@ class Response:
 
     @cached_property
     def exact(self) -> ExactLoop:
-        """The loop as exact polynomials."""
         return ExactLoop(self.system, self.dead_time)
 
     @cached_property
     def gain_crossovers(self) -> Floats:
-        """All frequencies > 0 with |L| = 1, rad/s, ascending, also those where |L| only touches 1.
-
-        Empty if |L| = 1 at every frequency.
-        """
+        """All frequencies > 0 at which |L| crosses or touches 1, rad/s, ascending; empty if |L| = 1 everywhere."""
         return np.array([float(omega.mid()) for omega, _ in self.exact.frequencies(GAIN)])
 
     @cached_property
@@ -379,21 +359,15 @@ class Response:
 
     @cached_property
     def crossover_phases(self) -> list[tuple[float, float]]:
-        """Split arg L/pi at each of `gain_crossovers` into an odd number and a signed rest in [-1, 1].
-
-        The rest is 0 only if L = -1. Ball arithmetic replaces double precision where rounding could matter.
-        """
+        """Nearest odd number to arg L/pi, and the signed rest, at each of `gain_crossovers`; rest 0 only if L = -1."""
         return self.phases_at_crossovers()
 
     def phases_at_crossovers(self, *, certain: bool = False) -> list[tuple[float, float]]:
-        """Phases as in `crossover_phases`; if `certain`, all of them by ball arithmetic."""
+        """The result of `crossover_phases`; if `certain`, by ball arithmetic at every crossover."""
         return [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
 
     def half_turns(self, omega: float, kind: str, index: int, *, certain: bool = False) -> tuple[float, float]:
-        """Split arg L/pi at `omega`, rad/s, into an odd number and a signed rest, as in `crossover_phases`.
-
-        `omega` is frequency number `index` of a `kind`. `certain`: use ball arithmetic in any case.
-        """
+        """Nearest odd number to arg L/pi, and the signed rest, at `omega`, rad/s, number `index` of a `kind`."""
         half = self.turned(omega)[0] / math.pi
         odd = 2 * math.floor(half / 2) + 1
         if certain or abs(half - odd) <= self.rounding(omega):
@@ -425,7 +399,7 @@ class Response:
         return np.asarray(angle), np.asarray((size / distance / distance) @ turns - self.dead_time)
 
     def turned(self, omega: float) -> tuple[float, float]:
-        """As `phase`, at one frequency and with Python floats."""
+        """The results of `phase` at one frequency, rad/s, as Python floats."""
         total, slope = self._at_zero - self.dead_time * omega, -self.dead_time
         for away, height, turn, _ in self._turns:
             offset = omega - height
@@ -436,21 +410,14 @@ class Response:
 
     @cached_property
     def _turns(self) -> list[tuple[float, float, float, float]]:
-        """Data of each zero and pole for `turned`: |Re|, Im, and two signs.
-
-        The first sign is 1 if the phase of this factor rises with frequency, else -1. The second is 1 for a zero and -1
-        for a pole.
-        """
+        """|Re|, Im, sign of the phase slope, and 1 for a zero or -1 for a pole, for each zero and pole of G."""
         zeros, poles = self._listed_roots
         pairs = [*((root, 1.0) for root in zeros), *((root, -1.0) for root in poles)]
         return [(abs(root.real), root.imag, -sign if root.real > 0 else sign, sign) for root, sign in pairs]
 
     @cached_property
     def _at_zero(self) -> float:
-        """The part of the phase that does not depend on frequency, rad.
-
-        It is due to a negative gain and to zeros and poles in the right half plane.
-        """
+        """Constant part of the phase, rad, due to a negative gain and to zeros and poles in the right half plane."""
         zeros, poles = ([root.real > 0 for root in roots].count(True) for roots in self._listed_roots)
         return math.pi * (float(self.system.gain < 0) + zeros - poles)
 
@@ -475,14 +442,13 @@ class Response:
         return zeros.count(0) - poles.count(0)
 
     def spread(self, low: float, middle: float, high: float) -> tuple[float, float]:
-        """Bounds on the second and third derivative of ln L with respect to ln omega.
+        """Bounds on the second and third derivative of ln L with respect to ln omega, from `low` to `high`, rad/s.
 
-        They hold on the interval from `low` to `high`, rad/s; `middle` is a frequency between these. If `low` is 0, the
-        derivatives are with respect to omega, and zeros and poles at s = 0 are left out.
+        If `low` is 0, the derivatives are with respect to omega.
         """
         s, reach = complex(0, middle), high - middle
         bend = twist = self.dead_time * high if low else 0.0
-        for root, size in self._off_zero:
+        for root, size in self._off_zero:  # zeros and poles at s = 0 are left out
             near = abs(s - root) - reach
             if near <= 0:
                 return math.inf, math.inf
@@ -507,7 +473,6 @@ class Response:
             return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
 
     def __call__(self, omega: Floats) -> Complexes:
-        """L(j omega), infinite at a pole."""
         value = self.system(1j * omega)
         with np.errstate(invalid="ignore"):
             return np.where(np.isinf(value), value, value * np.exp(-1j * self.dead_time * omega))
@@ -554,10 +519,7 @@ def pieces(response: Response) -> list[Piece]:
 
 
 def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Limits of (ln|L|, arg L/pi) as omega tends to 0, and as omega tends to infinity.
-
-    arg L/pi is an exact multiple of 1/2, or -inf.
-    """
+    """Limits of (ln|L|, arg L/pi) as omega tends to 0 and to infinity; arg L/pi is -inf at infinity with dead time."""
     zeros, poles, gain = response.system.zeros.tolist(), response.system.poles.tolist(), response.system.gain
     turned, integrators = float(gain < 0), poles.count(0) - zeros.count(0)
     right = sum(root.real > 0 for root in zeros) - sum(root.real > 0 for root in poles)
@@ -587,9 +549,9 @@ def frequency_nodes(response: Response) -> Floats:
 
 
 def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = SMALLEST_LISTED) -> list[float]:
-    """List the phase crossovers (arg L = pi modulo 2 pi), rad/s, ascending.
+    """List the phase crossovers (arg L = pi modulo 2 pi) with |L| >= `smallest`, and in any case the first 20; rad/s.
 
-    All with |L| >= `smallest` are listed, and in any case the first 20. `cut` are the `pieces` of the loop.
+    `cut` are the `pieces` of the loop.
     """
     least, found = math.log(smallest), list[float]()
     for low, high, sizes, turns in cut:
@@ -612,10 +574,7 @@ def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = 
 
 
 def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
-    """Frequency, rad/s, between `low` and `high` at which arg L/pi is `odd`.
-
-    `first` and `last` are arg L/pi at `low` and at `high`.
-    """
+    """Frequency, rad/s, at which arg L/pi is `odd`; at `low` and `high`, rad/s, it is `first` and `last`."""
     target, dead_time = math.pi * odd, response.dead_time
     if math.isinf(high):  # at high frequency the dead time dominates the phase
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
@@ -634,10 +593,7 @@ def phase_crossover(response: Response, low: float, high: float, first: float, l
 
 
 def _until(response: Response, cut: list[Piece], least: float) -> float:
-    """Number of phase crossovers on the last interval up to a frequency at which ln|L| has fallen to `least`.
-
-    inf if ln|L| never falls to `least`.
-    """
+    """Upper bound on the number of phase crossovers with ln|L| >= `least` on the last interval; inf if none exists."""
     last = cut[-1]
     if last.size[1] >= least:
         return math.inf

@@ -68,7 +68,6 @@ class Loop(ABC):
 
     @property
     def _unsupported(self) -> str:
-        """Error message for a function of python-control that does not accept a loop."""
         pade = ", or loop.to_tf(order), a Pade approximation," if isinstance(self, DeadTimeLoop) else ""
         return (
             f"{type(self).__name__} is not a python-control system; pass loop.frequency_response(omega)"
@@ -131,7 +130,6 @@ class Loop(ABC):
         return self._record / (1 - self._operand(other) * self._record * sign)
 
     def _operand(self, other: Any) -> Any:
-        """Return the other operand; if it is a loop, its frequency-response data at the frequencies of this loop."""
         return other.frequency_response(self._record.omega) if isinstance(other, Loop) else other
 
     @cached_property
@@ -199,8 +197,7 @@ class Loop(ABC):
     def margins(self) -> Margins:
         """All margins of the loop; see `Margins`.
 
-        Raises UnstableLoopError if the closed loop is unstable. The error has the number of unstable poles and the
-        interval of stabilising gain factors.
+        Raises UnstableLoopError, with the interval of stabilising gain factors, if the loop is unstable.
         """
 
     def is_stable(self) -> bool:
@@ -220,10 +217,7 @@ class Loop(ABC):
         return self._drawn("bode", omega)
 
     def nyquist_plot(self, omega: ArrayLike | None = None) -> Any:
-        """Plot L in the complex plane, once as a whole and once near -1; return a matplotlib figure.
-
-        `omega`, rad/s, as in `bode_plot`.
-        """
+        """Plot the Nyquist curve, whole and near -1; return a matplotlib figure. `omega`, rad/s, as in `bode_plot`."""
         return self._drawn("nyquist", omega)
 
     def nichols_plot(self, omega: ArrayLike | None = None) -> Any:
@@ -237,12 +231,6 @@ class Loop(ABC):
 
 
 def _system_attribute(name: str, *, delegated: bool) -> property:
-    """Return a property of `Loop` with the name of an attribute of python-control's systems.
-
-    If `delegated`, its value is that of the frequency-response data. Otherwise it raises an AttributeError that lists
-    what to use instead.
-    """
-
     def value(loop: Loop) -> Any:
         if not delegated:
             raise AttributeError(loop._unsupported, name=name, obj=loop)
@@ -284,9 +272,9 @@ class DeadTimeLoop(Loop):
 
     InputError: `system` is of another kind, or the dead time is negative, not finite or not a number.
 
-    Nothing is approximated. Stability follows from the number of unstable closed-loop poles, counted exactly
-    ([WaltonMarshall1987]). Margins follow from all crossovers, refined to rounding. A neutral loop (as many zeros as
-    poles, with dead time) is stable only if |G(inf)| < 1; its margins include the limit of L at infinite frequency.
+    The dead time is not approximated: unstable closed-loop poles are counted exactly ([WaltonMarshall1987]). A neutral
+    loop (as many zeros as poles, with dead time) is stable only if |G(inf)| < 1; its margins include the limit of L at
+    infinite frequency.
     """
 
     system: Rational
@@ -354,7 +342,6 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def root_count(self) -> RootCount:
-        """Exact number of closed-loop poles in the closed right half plane."""
         return root_count(self._response)
 
     @property
@@ -364,12 +351,10 @@ class DeadTimeLoop(Loop):
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Number of poles of G right of the imaginary axis."""
         return int(np.count_nonzero(self.system.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Number of poles of G at 0."""
         return int(np.count_nonzero(self.system.poles == 0))
 
     def to_tf(self, order: int) -> TransferFunction:
@@ -492,7 +477,8 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def _listed(self) -> list[GainLimit]:
-        """Gain limits at the phase crossovers whose |L| is large enough that they can limit the stabilising gains."""
+        """Gain limits, except at phase crossovers with |L| too small to limit the stabilising gains."""
+        # a gain factor that stabilises makes |L| at least 1 above the slowest unstable pole
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
             limits = gain_limits(self._response, phase_crossovers(self._response, self._pieces, smallest=smallest))
@@ -503,10 +489,7 @@ class DeadTimeLoop(Loop):
         return limits
 
     def _size_at_unstable_poles(self) -> float:
-        """Largest |L| at frequencies above 0.3 times the slowest unstable open-loop pole; 1 without unstable pole.
-
-        A gain factor that stabilises makes this value at least 1.
-        """
+        """Largest |L| at frequencies above 0.3 times the slowest unstable open-loop pole; 1 if there is none."""
         sizes = [abs(pole) for pole in self.system.poles.tolist() if pole.real > 0]
         if not sizes or self.system.gain == 0:
             return 1.0
@@ -524,8 +507,8 @@ class DeadTimeLoop(Loop):
         return sorted(limits, key=lambda limit: limit.factor)
 
     def _sharpened(self, limit: GainLimit) -> GainLimit:
-        """Refine a gain limit by ball arithmetic if rounding of the phase makes it inaccurate."""
         omega, response, slope = limit.frequency, self._response, limit.rate.imag
+        # ball arithmetic, if rounding of the phase makes the limit inaccurate
         if slope == 0 or abs(limit.rate.real) * math.pi * response.rounding(omega) <= _SHARP * abs(slope):
             return limit
         odd = 2 * round((response.turned(omega)[0] / math.pi - 1) / 2) + 1
@@ -535,10 +518,7 @@ class DeadTimeLoop(Loop):
         return limit._replace(factor=factor, frequency=float(frequency))
 
     def _decided(self, limit: GainLimit) -> GainLimit:
-        """Correct a gain limit that equals 1 within rounding.
-
-        The exact root count decides whether the limit is just above or just below 1.
-        """
+        """Move a gain limit that equals 1 within rounding to the side of 1 that the exact root count gives."""
         away = abs(limit.factor - 1)
         if away > _NEAR_ONE or self.root_count.right > _ALL_LISTED:  # with so many poles neither side is stable
             return limit

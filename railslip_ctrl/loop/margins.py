@@ -21,7 +21,7 @@ from .stability import count_right_of
 _NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # Newton's method in doubles: most steps, and last relative step
 _BLUNT = 100.0  # height up to which doubles locate a peak accurately enough
 _PEAK = 1e-11  # no peak exceeds the reported one by more than this, relatively
-_NOTHING = 1e-100  # smallest |T| that counts as a peak; bounds have this minimum
+_NOTHING = 1e-100  # smallest |T| regarded as a peak; bounds have this minimum
 _NARROWEST = 1e-15  # relative width of an interval that doubles cannot divide
 _FARTHEST = 1e150  # rad/s; beyond it, and below its inverse, the limits at infinity and 0 replace L
 # Largest frequency intervals on which bounds are tried: ratio of the ends, and phase of the dead time, rad. On larger
@@ -32,7 +32,7 @@ _AROUND_PEAK, _NARROWER, _MOST_NARROWED = 0.06, 0.4, 12
 _OUTWARD = 4.0  # an interval that reaches to infinity is divided at this multiple of its lower end
 _A_CHAIN = 10**9  # stands for the infinitely many unstable poles of a neutral loop beyond its limit
 _BESIDE = 1e-6  # relative distance from a gain limit at which the poles on either side are counted
-_GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase crossovers count as one limit
+_GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase crossovers are one limit
 
 
 @dataclass(frozen=True)
@@ -131,14 +131,11 @@ def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLi
 
 
 def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
-    """Gain limit k at which poles come from infinity; None if there is none.
-
-    Poles come from infinity for k |L(inf)| = 1 in a neutral loop, and for k L(inf) = -1 without dead time.
-    """
+    """Gain limit at which closed-loop poles come from infinity; None if there is none."""
     through = response.system.feedthrough
     if through == 0 or (response.dead_time == 0 and through > 0):
         return None
-    factor = 1.0 / abs(through)
+    factor = 1.0 / abs(through)  # k |L(inf)| = 1 in a neutral loop, k L(inf) = -1 without dead time
     if response.dead_time > 0:
         return GainLimit(factor, float("inf"), _A_CHAIN)
     # (1 + k through) s^n + c s^(n-1) + ...: a real pole -c/(1 + k through) passes through infinity
@@ -185,16 +182,12 @@ def compute_margins(
 
 
 def smallest_at(rest: list[float], crossovers: list[float]) -> set[int]:
-    """Indices of the gain crossover with the smallest phase margin and of that with the smallest delay margin.
-
-    `rest`: arg(-L)/pi at the `crossovers`, rad/s.
-    """
+    """Indices of the smallest phase margin and of the smallest delay margin; `rest` is arg(-L)/pi at the crossovers."""
     sizes = ([abs(one) for one in rest], _added_dead_times(rest, crossovers))
     return {one.index(min(one)) for one in sizes if one}
 
 
 def _added_dead_times(rest: list[float], crossovers: list[float]) -> list[float]:
-    """Added dead time, s, that brings L to -1 at each gain crossover."""
     return [math.pi * (one if one > 0 else one + 2) / omega for one, omega in zip(rest, crossovers, strict=True)]
 
 
@@ -225,10 +218,7 @@ Peaks = list[tuple[float, float]]  #: peaks of |S|, |T| and |S - 1/2|: height an
 
 
 def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Peaks:
-    """Suprema of |S|, |T| and |S - 1/2| over all frequencies.
-
-    The search for each begins at that frequency of `starts`, rad/s, and of the ends of `cut` where it is largest.
-    """
+    """Suprema of |S|, |T| and |S - 1/2| over all frequencies, searched from `starts` and the ends of `cut`, rad/s."""
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
@@ -244,10 +234,9 @@ def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Pea
 class _PeakSearch:
     """Search for the peaks of |S|, |T| and |S - 1/2|, with a proof that no frequency has a higher value.
 
-    |S| <= M if and only if M^2 |1 + L|^2 - 1 >= 0. In general, each of the three functions is below its peak if
-    u P + v N + w >= 0, where P = |1 + L|^2, N = |L|^2, and the numbers u, v and w depend on the peak. Where |L| > 1,
-    1/L replaces L. The frequency axis is divided until this condition is proved on each interval. The proof uses |L|
-    alone, or Taylor's formula with a bound on the third derivative.
+    The proof uses P = |1 + L|^2 and N = |L|^2. For example |S| <= M if and only if M^2 P - 1 >= 0. In general each
+    function is below its peak if u P + v N + w >= 0, where the numbers u, v and w follow from the peak. Where |L| > 1,
+    1/L replaces L.
     """
 
     def __init__(self, response: Response, best: Peaks) -> None:
@@ -256,10 +245,7 @@ class _PeakSearch:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Compute the numbers u, v and w of the class's condition for each peak, once for L and once for 1/L.
-
-        Also compute two limits of |L|: where |L| is below the first or above the second, no higher peak is possible.
-        """
+        # u, v and w for each peak, for L and for 1/L; no higher peak where |L| is below `_small` or above `_large`
         slack = self._rounding * (self.best[0][0] * self.best[1][0])  # |S| and |T| amplify rounding
         s, t, centred = (max(peak, _NOTHING) * (1 + _PEAK) + slack for peak, _ in self.best)
         of_s, of_t, of_both = (s * s, 0.0, -1.0), (t * t, -1.0, 0.0), (centred * centred + 0.25, -0.5, -0.5)
@@ -269,7 +255,7 @@ class _PeakSearch:
         self._large = max(1 + 1 / s, t / (t - 1) if t > 1 else math.inf, 1 / ratio if ratio > 0 else math.inf)
 
     def climb(self, starts: list[float]) -> None:
-        """Find each peak, beginning at the frequency of `starts` (rad/s, ascending) where its function is largest."""
+        """Search for each peak, beginning at the frequency of `starts`, rad/s, with the highest value."""
         values = [_sizes(self._response, omega) for omega in starts]
         for kind, sizes in enumerate(zip(*values, strict=True)):
             top = sizes.index(max(sizes))
@@ -277,11 +263,7 @@ class _PeakSearch:
                 self._raise(kind, starts[top], [0.0, *starts, math.inf][top : top + 3 : 2])
 
     def _raise(self, kind: int, start: float, between: Sequence[float]) -> None:
-        """Store the peak near `start`, rad/s, or the value at `start`, if it is higher than the stored peak.
-
-        - kind: index of the function in (|S|, |T|, |S - 1/2|).
-        - between: lowest and highest frequency of the search, rad/s.
-        """
+        """Store the peak of |S|, |T| or |S - 1/2| (`kind` 0, 1 or 2) near `start`, rad/s, if it is higher."""
         shape, exact = SHAPES[kind], self._response.exact
         low, high = between
         omega = _near_peak(self._response, *shape, low, start, high)
@@ -304,8 +286,8 @@ class _PeakSearch:
             half *= _NARROWER
 
     def cover(self, cut: list[Piece]) -> None:
-        """Prove that no interval in `cut` contains a higher peak; replace a stored peak if a higher one is found."""
-        left = list[tuple[float, float, float, float]]()  # parts with monotone |L|: ends, rad/s, and |L| at the ends
+        """Prove that no interval in `cut` contains a higher peak, or replace the stored peak by the higher one."""
+        left = list[tuple[float, float, float, float]]()  # intervals with monotone |L|: ends, rad/s, and |L| there
         ends = sorted({end for both in self._sure for end in both})
         for piece in cut:
             first, last = (math.exp(min(size, 700.0)) for size in piece.size)
@@ -327,21 +309,14 @@ class _PeakSearch:
                 left += [(middle, high, size, last), (low, middle, first, size)]
 
     def _middle(self, low: float, high: float) -> tuple[float, bool]:
-        """Frequency that divides the interval from `low` to `high`, and True if the interval is short.
-
-        Bounds are tried only on short intervals, because on longer intervals they mostly fail.
-        """
+        """Frequency that divides an interval, and True if the interval is short enough to try a proof on it."""
         if math.isinf(high):
             return (_OUTWARD * low or 1 / self._response.dead_time), False
         tried = (high - low) * self._response.dead_time < _MOST_TURNED
         return (math.sqrt(low) * math.sqrt(high), tried and high < _WIDEST * low) if low else (0.5 * high, tried)
 
     def _below(self, kinds: list[int], around: _Around, low: float, middle: float) -> bool:
-        """True if the functions `kinds` are proved to be below their peaks on the interval of `around`.
-
-        - kinds: indices of the functions in (|S|, |T|, |S - 1/2|).
-        - low, middle: lower end and middle of the interval, rad/s. A higher value at `middle` becomes the peak.
-        """
+        """True if no function in `kinds` can exceed its peak on the interval; a higher value at `middle` is stored."""
         rounding = self._response.rounding(middle)
         if rounding > 2 * self._rounding:
             self._rounding = rounding
@@ -355,12 +330,8 @@ class _PeakSearch:
         return True
 
     def _positive(self, kind: int, around: _Around, *, even: bool = False) -> bool:
-        """True if u P + v N + w > 0 is proved on a frequency interval, so that it contains no higher peak.
-
-        - kind: index of the peak in (|S|, |T|, |S - 1/2|).
-        - around: expansion of P and N on this interval.
-        - even: true if the interval begins at 0 rad/s and the peak is at 0 rad/s.
-        """
+        """True if u P + v N + w > 0 is proved for the peak `kind` on the interval of `around`."""
+        # `even`: the peak is at 0 rad/s, where the interval begins, so that the slope is 0 there
         u, v, w = self._forms[around.inverted][kind]
         (p, p1, p2, p3), (n, n1, n2, n3), half = around.p, around.n, around.half
         value, slope, second, third = u * p + v * n + w, abs(u * p1 + v * n1), u * p2 + v * n2, u * p3 - v * n3
@@ -372,10 +343,7 @@ class _PeakSearch:
         return convex > 0 and (even or value > slope * slope / (2 * convex))
 
     def _expanded(self, low: float, high: float) -> _Around | None:
-        """Expand P and N about the middle of the interval from `low` to `high`, rad/s.
-
-        The variable is ln omega, or omega if `low` is 0. None if the third derivative has no bound.
-        """
+        """Expansion of P and N in ln omega (in omega if `low` is 0); None if there is no useful bound."""
         middle, half = (math.sqrt(low) * math.sqrt(high), 0.5 * math.log(high / low)) if low else (0.5 * high,) * 2
         try:
             value, slope, second = self._response.at(middle)
@@ -408,9 +376,9 @@ class _PeakSearch:
 
 
 class _Around(NamedTuple):
-    """Expansion of P = |1 + L|^2 and N = |L|^2 on a frequency interval.
+    """Expansion of P = |1 + L|^2 and N = |L|^2 on a frequency interval, in ln omega or omega.
 
-    `p` and `n` have value, first and second derivative in the middle, and a bound on the third derivative.
+    `p` and `n`: value, first and second derivative in the middle, and a bound on the third derivative.
     """
 
     inverted: bool  # true: P and N are those of 1/L
@@ -420,7 +388,6 @@ class _Around(NamedTuple):
 
 
 def _sizes(response: Response, omega: float) -> tuple[float, float, float]:
-    """Magnitudes |S|, |T| and |S - 1/2| at one frequency, rad/s; 0 if L overflows."""
     with suppress(ArithmeticError):
         loop = response.at(omega)[0]
         s = 1 / (1 + loop)
@@ -429,10 +396,7 @@ def _sizes(response: Response, omega: float) -> tuple[float, float, float]:
 
 
 def _near_peak(response: Response, a: float, b: float, low: float, start: float, high: float) -> float:
-    """Frequency, rad/s, of the peak of |a + b L|/|1 + L| near `start`, by Newton's method in double precision.
-
-    If the method does not converge, it is the frequency of the highest value found between `low` and `high`, rad/s.
-    """
+    """Frequency, rad/s, of the peak of |a + b L|/|1 + L| near `start`, by Newton's method in double precision."""
     omega, least, seen = start, math.inf, start
     with suppress(ArithmeticError):
         for _ in range(_NEWTON_STEPS):
@@ -460,13 +424,11 @@ def top_of(sizes: Floats, points: Floats) -> Peaks:
 
 
 def box_bounds(size: Floats, half_turns: Floats) -> Floats:
-    """Upper bounds on |S|, |T| and |S - 1/2| on n frequency intervals, (3, n).
+    """Upper bounds on |S|, |T| and |S - 1/2| on n frequency intervals with monotone |L| and phase, (3, n).
 
-    - size, half_turns: ln|L| and arg L/pi at both ends, (2, n). On each interval |L| and the phase are monotone.
-
-    If m = |L| and the phase differs from -180 deg by at least d, then |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d). The
-    bounds become exact as the interval shrinks to a point.
+    - size, half_turns: ln|L| and arg L/pi at both ends, (2, n).
     """
+    # |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d) with m = |L|, if the phase differs from -180 deg by at least d
     turns = 0.5 * half_turns - 0.5
     lowest, highest = np.minimum(*turns), np.maximum(*turns)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -499,9 +461,7 @@ def _end_values(response: Response) -> list[Peaks]:
 
 
 def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[float, float] | None:
-    """Interval of loop-gain factors that make the loop stable; None if no factor does.
-
-    It is the interval that contains 1, or else the interval nearest to 1 in ratio.
+    """Interval of stabilising gain factors that contains 1, or else is nearest to 1 in ratio; None if none exists.
 
     - limits: gain limits, ascending.
     - unstable_at_one: number of unstable poles at factor 1.
@@ -515,8 +475,8 @@ def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[
 def by_distance(factors: Iterable[float], counts: Iterable[float]) -> list[tuple[tuple[float, float], float]]:
     """Divide the gain factors from 0 to infinity at `factors`, ascending; return the intervals, nearest to 1 first.
 
-    The interval that contains 1 comes first; the others follow by the ratio of their nearer end to 1. `counts` has a
-    number for each interval in ascending order; it is returned with the interval. Empty intervals are left out.
+    Each number in `counts` belongs to an interval, in ascending order, and is returned with it. Empty intervals are
+    left out.
     """
 
     def distance(found: tuple[tuple[float, float], float]) -> float:

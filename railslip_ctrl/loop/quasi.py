@@ -1,8 +1,8 @@
 """Loops whose controller has internal delays, for example a dead-time compensator with a model of the dead time.
 
-The loop is L(s) = N(s)/D(s), where N and D are quasi-polynomials: sums of polynomials in s times exp(-delay s), with
-any delays. Closed-loop poles are the zeros of N + D, counted exactly by the argument principle. Margins follow from
-bounds on ln L on frequency intervals (`bounded`).
+The loop is L(s) = N(s)/D(s), where N and D are quasi-polynomials: sums of polynomials in s times exp(-delay s).
+Closed-loop poles are the zeros of N + D, counted exactly by the argument principle. Margins follow from bounds on ln L
+on frequency intervals (`bounded`).
 """
 
 from __future__ import annotations
@@ -80,7 +80,6 @@ class QuasiPolynomial:
 
     @cached_property
     def _alone(self) -> QuasiPolynomials:
-        """This quasi-polynomial as `QuasiPolynomials` with one member."""
         delays = tuple(np.array([delay]) for delay in self.delays)
         return QuasiPolynomials(tuple(c[None] for c in self.terms), delays, self.removed)
 
@@ -105,12 +104,10 @@ class QuasiPolynomial:
 
     @cached_property
     def _derivative(self) -> QuasiPolynomial:
-        """The derivative of `bare` of order `removed`."""
         return reduce(lambda one, _: one.slope, range(self.removed), self.bare)
 
     @cached_property
     def _present(self) -> list[tuple[float, Floats]]:
-        """Pairs of delay, s, and coefficients, for the terms that are not 0."""
         return [(delay, c) for delay, c in zip(self.delays, self.terms, strict=True) if c.any()]
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
@@ -131,7 +128,7 @@ class QuasiPolynomial:
 
     @property
     def zeros_at_origin(self) -> int:
-        """Multiplicity of the zero of F at s = 0; values within rounding of 0 count as 0."""
+        """Multiplicity of the zero of F at s = 0, within rounding."""
         count, one = 0, self
         while count <= self.degree and abs(one(0.0)) <= _ROUNDING * one.size(0.0):
             count, one = count + 1, one.slope
@@ -148,10 +145,7 @@ class QuasiPolynomial:
         return bool(self.terms[0][0] != 0 and all(c.size < self.terms[0].size for c in self.terms[1:]))
 
     def count_right(self) -> RootCount:
-        """Count the zeros of F with positive real part.
-
-        If F has zeros on the imaginary axis, the number is NaN and `marginal` is true.
-        """
+        """Count the zeros of F with positive real part; the number is NaN if some are on the imaginary axis."""
         if not self.retarded:
             raise InputError(
                 "quasi-polynomial of neutral type: the highest power of s has a delay; make the loop strictly proper"
@@ -166,7 +160,7 @@ def _without_leading_zeros(coefficients: Floats) -> Floats:
 
 
 def _polynomial(coefficients: Floats, x: Any) -> Any:
-    """Value at x of a polynomial with coefficients in descending powers; NumPy's function takes twice as long."""
+    # `numpy.polyval` takes twice as long
     value = np.full(np.shape(x), coefficients[0], dtype=np.result_type(x, float))
     for coefficient in coefficients[1:].tolist():
         value *= x
@@ -297,7 +291,6 @@ class DelayedLoop(BoundedLoop):
             return np.asarray(n / d), np.asarray(1j * (n_slope / n - d_slope / d))
 
     def _values(self, omega: Floats) -> list[tuple[Complexes, Complexes]]:
-        """(N, dN/ds) and (D, dD/ds) at s = j omega; `omega` in rad/s."""
         s = 1j * omega
         return [(one(s), one.slope(s)) for one in (self.ratio.numerator, self.ratio.denominator)]
 
@@ -345,11 +338,7 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def _band(self) -> tuple[float, float]:
-        """Lowest and highest frequency of the computation, rad/s.
-
-        The lowest is far below the smallest root of the polynomials in N and D, and far below 1/(longest delay). Above
-        the highest frequency |L| < 1/200 is certain.
-        """
+        """Lowest and highest frequency of the computation, rad/s; |L| < 1/200 above the highest."""
         num, den = self.ratio.numerator.bare, self.ratio.denominator.bare
         lead, order = abs(den.terms[0][0]), den.degree
         # begin where the highest power of D exceeds each of the other terms, then raise `top` until |L| is small

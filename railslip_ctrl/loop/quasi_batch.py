@@ -21,9 +21,8 @@ Rows = NDArray[np.intp]
 #: abs(s) times delay below which `_SERIES` terms of the series are used: 0.03^12 = 5e-19 is below rounding.
 NEAR_ORIGIN, _SERIES = 0.03, 12
 
-# Relative width below which an interval that may contain a zero counts as a zero on the axis.
-_NARROWEST = 1e-12
-_MOST_INTERVALS = 2_000_000  # intervals in memory at once; functions that need more count as marginal
+_NARROWEST = 1e-12  # relative width at which an undecided interval is regarded as a zero on the axis
+_MOST_INTERVALS = 2_000_000  # intervals in memory at once; functions that need more are regarded as marginal
 _EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the first steps / highest frequency
 
 
@@ -42,7 +41,7 @@ class QuasiPolynomials:
     removed: int = 0
 
     def at(self, omega: Floats, row: Rows) -> Complexes:
-        """Values F(j omega) of the functions number `row`; `omega` in rad/s, arrays of one shape."""
+        """Values F(j omega) of the functions with the indices `row`; `omega`, rad/s, and `row` have one shape."""
         value, square = np.zeros(omega.size, dtype=complex), -omega * omega
         for c, delay in zip(self.terms, self.delays, strict=True):
             term = _horner(c[:, ::-1][:, ::2], square, row) + 1j * omega * _horner(c[:, ::-1][:, 1::2], square, row)
@@ -73,12 +72,10 @@ class QuasiPolynomials:
 
     @cached_property
     def _derivative(self) -> QuasiPolynomials:
-        """The derivatives of `_bare` of order `removed`."""
         return reduce(lambda one, _: one.slope(), range(self.removed), self._bare)
 
     @cached_property
     def _bare(self) -> QuasiPolynomials:
-        """The sums F(s) s^removed, quasi-polynomials with `removed` = 0."""
         return QuasiPolynomials(self.terms, self.delays)
 
     def slope(self) -> QuasiPolynomials:
@@ -94,9 +91,10 @@ class QuasiPolynomials:
         return QuasiPolynomials(tuple(parts), self.delays, self.removed + 1 if self.removed else 0)
 
     def size(self, radius: Floats, row: Rows, least: Floats | float = 0.0) -> Floats:
-        """Upper bound on |F(s)| for all s with least <= |s| <= radius and Re s >= 0, of the functions with index `row`.
+        """Upper bound on |F(s)| for all s with least <= |s| <= radius and Re s >= 0.
 
-        `radius` and `least`: 1/s.
+        - radius, least: 1/s, (N,).
+        - row: index of the function F for each bound, (N,).
         """
         if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
             near = self._derivative.size(radius, row) / math.factorial(self.removed)
@@ -105,10 +103,7 @@ class QuasiPolynomials:
         return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
 
     def __add__(self, other: QuasiPolynomials) -> QuasiPolynomials:
-        """Sums of quasi-polynomials with the same `removed`.
-
-        The terms without delay, c_0, are added; the other terms of `other` are appended.
-        """
+        """Sums of quasi-polynomials with the same `removed`; only the terms without delay are combined."""
         (one, two), more = (self.terms[0], other.terms[0]), max(self.terms[0].shape[1], other.terms[0].shape[1])
         first = sum(np.pad(c, ((0, 0), (more - c.shape[1], 0))) for c in (one, two))
         terms = (np.asarray(first), *self.terms[1:], *other.terms[1:])
@@ -116,25 +111,20 @@ class QuasiPolynomials:
 
 
 def _horner(c: Floats, x: Any, row: Rows) -> Any:
-    """Values at x of the polynomials number `row`; `c` has the coefficients in ascending powers, (n, m)."""
-    value = np.zeros_like(x)
+    value = np.zeros_like(x)  # ascending powers
     for column in c.T[::-1]:
         value = value * x + column[row]
     return value
 
 
 def _turn(angle: Floats) -> Complexes:
-    """exp(-j angle), `angle` in rad; NumPy's complex exponential takes three times as long."""
-    value = np.empty(angle.size, dtype=complex)
+    value = np.empty(angle.size, dtype=complex)  # NumPy's complex exponential takes three times as long
     value.real, value.imag = np.cos(angle), -np.sin(angle)
     return value
 
 
 def count_right(function: QuasiPolynomials) -> Floats:
-    """Number of zeros of each function right of the imaginary axis, (n,).
-
-    NaN if zeros are on the axis, or too near it for a decision.
-    """
+    """Number of zeros of each function right of the imaginary axis, (n,); NaN if a zero is on or too near the axis."""
     lead, order = function.terms[0][:, 0], function.terms[0].shape[1] - 1
     sizes = np.zeros((lead.size, order + 1))
     for c in function.terms:
@@ -155,10 +145,10 @@ def count_right(function: QuasiPolynomials) -> Floats:
 
 
 def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Complexes, Flags]:
-    """Choose frequencies (nodes) from 0 to `top`, rad/s, close enough to follow the phase of each function.
+    """Frequencies from 0 to `top`, rad/s, between which the phase of each function changes by less than 180 deg.
 
-    From each node to the next the phase of F changes by less than 180 deg. Return number of the function, frequency and
-    F of each node, and an array that is True for each function with a zero on the axis, or too near it for a decision.
+    Return the index of the function, the frequency and F of each node. The last array is True for each function with a
+    zero on the axis or too near it.
     """
     slope, edges = function.slope(), top[:, None] * _EDGES
     every = np.arange(top.size)

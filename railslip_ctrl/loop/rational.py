@@ -1,8 +1,8 @@
 """Rational SISO transfer functions as zeros, poles and gain; their realisations; Pade approximations of dead time.
 
-G(s) = gain * prod(s - zeros)/prod(s - poles). The factored form keeps full accuracy where expanded polynomials lose
-digits. It also gives the phase of G(j omega) as a *continuous* function of omega in closed form, without unwrapping.
-Decisions, for example on stability, use exact polynomials with fractions as coefficients (FLINT).
+The factored form keeps full accuracy where expanded polynomials lose digits, and gives the phase as a continuous
+function of frequency. Decisions, for example on stability, use exact polynomials with fractions as coefficients
+(FLINT).
 """
 
 from __future__ import annotations
@@ -123,17 +123,14 @@ def complex_roots(polynomial: fmpq_poly) -> list[acb]:
 
 
 def rounded_roots(polynomial: fmpq_poly) -> Complexes:
-    """All roots of a polynomial, rounded to doubles.
-
-    Roots on the imaginary axis stay on it, and conjugate pairs remain exact conjugates.
-    """
+    """All roots of a polynomial as doubles; conjugate pairs and roots on the imaginary axis are kept exactly."""
     with ctx.workprec(DOUBLE_BITS):
         roots = [complex(root.mid()) for root in complex_roots(polynomial)]
     return np.array(sorted(roots, key=lambda root: (abs(root), root.real, root.imag)), dtype=np.complex128)
 
 
 def without(factor: fmpq_poly, polynomial: fmpq_poly) -> fmpq_poly:
-    """Divide `polynomial` by every root, with its multiplicity, that it shares with `factor`."""
+    """Divide `polynomial` by every root that it shares with `factor`, as often as it has this root."""
     while polynomial.degree() > 0 and (common := polynomial.gcd(factor)).degree() > 0:
         polynomial = polynomial // common
     return polynomial
@@ -156,11 +153,8 @@ def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
 
 
 def _only_root(polynomial: fmpq_poly) -> arb | None:
-    """The positive root of a polynomial whose coefficients change sign once, as a ball of FLINT's current precision.
-
-    By Descartes' rule the polynomial has one positive root, and it is simple. None if Newton's method in double
-    precision fails.
-    """
+    """Positive root of a polynomial whose coefficients change sign once; None if Newton's method in doubles fails."""
+    # by Descartes' rule the polynomial has one positive root, and it is simple
     try:
         terms = [(k, nearest_double(c)) for k, c in enumerate(polynomial.coeffs()) if c != 0]
         (_, first), (degree, last) = terms[0], terms[-1]
@@ -208,12 +202,9 @@ def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, floa
 # -- the transfer function --------------------------------------------------------------------------------------
 
 _LEVEL = 20 * np.finfo(float).eps  # relative rounding of a sum of products of matrix entries, per state
-_PAIRED = 1e-9  # relative distance within which two roots count as a conjugate pair; eigenvalue routines round
+_PAIRED = 1e-9  # relative distance within which two roots are a conjugate pair; eigenvalue routines round
 LARGEST_ORDER = 100
-"""Largest order of a Pade approximation.
-
-Already an approximation of order 10 is exact to rounding where the phase of the dead time is at most a few radians.
-"""
+"""Largest order of a Pade approximation; order 10 is exact to rounding for a phase of a few radians."""
 
 
 @dataclass(frozen=True)
@@ -264,10 +255,7 @@ class Rational:
 
     @classmethod
     def _from_exact(cls, num: fmpq_poly, den: fmpq_poly) -> Rational:
-        """Make a transfer function from exact polynomials.
-
-        Each zero and pole, rounded to double precision, stays on its side of the imaginary axis, or on the axis.
-        """
+        """Make a transfer function whose rounded zeros and poles stay on their side of the imaginary axis, or on it."""
         if num.degree() < 0:
             return cls(np.array([]), rounded_roots(den), 0.0)._with(num, den)
         gain = num.leading_coefficient() / den.leading_coefficient()
@@ -287,21 +275,17 @@ class Rational:
 
     @cached_property
     def polynomials(self) -> tuple[fmpq_poly, fmpq_poly]:
-        """Exact numerator, gain included, and exact denominator.
-
-        If the system was given by zeros, poles and gain, they are computed from these.
-        """
+        """Exact numerator, with the gain, and exact denominator."""
         return expanded(self.zeros, self.gain), expanded(self.poles, 1.0)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle the coefficients as text, because FLINT's numbers cannot be pickled."""
         state = {"zeros": self.zeros, "poles": self.poles, "gain": self.gain}
         if self.from_coefficients:
+            # as text, because FLINT's numbers cannot be pickled
             state["polynomials"] = [[str(c) for c in one.coeffs()] for one in self.polynomials]
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Rebuild the polynomials from pickled text."""
         given = state.pop("polynomials", None)
         self.__dict__.update(state)
         if given:
@@ -461,11 +445,6 @@ class Rational:
 
 
 def _check_time(name: str, dt: float | bool | None, period: float | None) -> None:
-    """Raise InputError for a system with the wrong sampling period `dt`.
-
-    If `period` is None, `dt` must be None or 0 (continuous time). Otherwise `dt` must equal `period`, s, or be
-    unspecified: None or True.
-    """
     if period is None and dt not in (None, 0):
         raise InputError(f"{name}: a discrete-time system (dt = {dt}) is not accepted; give a continuous one")
     if period is not None and not (dt in (None, True) or math.isclose(dt, period)):
@@ -475,17 +454,14 @@ def _check_time(name: str, dt: float | bool | None, period: float | None) -> Non
 
 
 def angle_sum(roots: Complexes, omega: Floats) -> Floats:
-    """Continuous argument of prod(j omega - roots), rad; roots on the imaginary axis count as roots left of it."""
+    """Continuous argument of prod(j omega - roots), rad; roots on the imaginary axis are treated as left of it."""
     real = roots.real
     angle = np.arctan2(omega[..., None] - roots.imag, np.abs(real))
     return np.asarray(np.where(real > 0, np.pi - angle, angle).sum(axis=-1))
 
 
 def _structure(a: Floats, b: Floats, c: Floats) -> tuple[int, int]:
-    """Number of integrators of the realisation (a, b, c, 0), and its relative degree.
-
-    Values within rounding of 0 count as 0.
-    """
+    """Number of integrators of the realisation (a, b, c, 0), and its relative degree, both within rounding."""
     from scipy.linalg import matrix_balance
 
     column, size, excess = b, np.abs(b), 0
@@ -515,9 +491,7 @@ def _zero_multiplicity(a: Floats) -> int:
 class Realisation:
     """SISO state-space realisation x' = a x + b u, y = c x + d u; in discrete time x[k+1] replaces x'.
 
-    - a: array, (n, n).
-    - b, c: arrays, (n,).
-    - d: float.
+    The arrays a, b and c have the shapes (n, n), (n,) and (n,).
     """
 
     a: Floats
@@ -532,11 +506,10 @@ class Realisation:
 
 
 def realise(system: Rational) -> Realisation:
-    """Real state-space realisation of `system` with one state per pole, cancelled poles included.
+    """Real state-space realisation of `system`, in s or z, with one state per pole, cancelled poles included.
 
-    The realisation is a series of first- and second-order sections with the gain at the output. The entries of `a` are
-    real and imaginary parts of the poles, not polynomial coefficients. The eigenvalues of `a`, also double eigenvalues,
-    are therefore accurate to rounding. The variable of `system` may be s or z.
+    It is a series of first- and second-order sections. The entries of `a` are real and imaginary parts of the poles;
+    the eigenvalues of `a`, also double eigenvalues, are therefore accurate to rounding.
 
     InputError: complex zeros or poles that are not in conjugate pairs.
     """
@@ -556,10 +529,7 @@ def realise(system: Rational) -> Realisation:
 
 
 def _sections(system: Rational) -> Iterator[Realisation]:
-    """Yield sections of order 1 or 2 whose product is the system with gain 1.
-
-    Each zero belongs to the section with the nearest pole.
-    """
+    """Yield sections of order 1 or 2 whose product is the system with gain 1."""
     zeros, zero_pairs = _split(system.zeros, "zeros")
     poles, pole_pairs = _split(system.poles, "poles")
     for pole in pole_pairs:
@@ -577,7 +547,6 @@ def _sections(system: Rational) -> Iterator[Realisation]:
 
 
 def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
-    """The real roots, and of each conjugate pair the root with Im > 0."""
     real, upper, left = (roots[mask].tolist() for mask in (roots.imag == 0, roots.imag > 0, roots.imag < 0))
     for root in upper:
         partner = _take_nearest(left, root.conjugate()) if left else complex(np.inf)
@@ -590,15 +559,11 @@ def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
 
 
 def _take_nearest(roots: list[complex], to: complex) -> complex:
-    """Remove from `roots` the root nearest to the point `to`, and return it."""
     return roots.pop(min(range(len(roots)), key=lambda i: abs(roots[i] - to)))
 
 
 def _section(poles: list[complex], zeros: list[complex]) -> Realisation:
-    """Realise prod(s - zeros)/prod(s - poles) with one or two poles.
-
-    Two poles are real or a conjugate pair. The section has at most as many zeros as poles.
-    """
+    """Realise prod(s - zeros)/prod(s - poles) with one or two poles, real or a conjugate pair."""
     through, last = float(len(zeros) == len(poles)), poles[-1]
     level = math.prod((last - zero for zero in zeros), start=1 + 0j).real  # the numerator at a pole
     if len(poles) == 1:

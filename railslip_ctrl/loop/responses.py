@@ -1,13 +1,10 @@
 """Closed-loop time responses with exact dead time to reference, load, measurement offset and initial state.
 
-The method of steps gives each response to rounding, without a Pade approximation ([Bellen2003]). Between multiples of
-the dead time tau the delayed command is a known smooth function. It is the input of the other parts of the loop, which
-are linear differential equations without delay. Time is divided into intervals (pieces) shorter than every time
-constant. On a piece the command and the states are polynomials to rounding, given by their values at Chebyshev points
-(nodes). Therefore one constant matrix computes the command at the nodes from the states at the start of the piece and
-the command one dead time earlier. Where signals jump or have a kink, a piece ends.
+The method of steps ([Bellen2003]) gives each response to rounding, without a Pade approximation. Over one dead time tau
+the delayed command is a known function of time, and the rest of the loop is a linear differential equation without
+delay.
 
-Signals, unity negative feedback, L = C G P exp(-tau s)::
+Signals with unity negative feedback, L = C G P exp(-tau s)::
 
     e = reference - (y + noise)    u = C e    q(t) = (G u)(t - tau) + disturbance    y = P q
 """
@@ -31,12 +28,13 @@ from railslip_ctrl.core.records import dataclass
 from .rational import Rational, realise
 
 _DEFAULT_POINTS = 1001  # times of a response by default: a smooth line in print
-# On a piece of length h = 4/rate the truncation error of the Chebyshev series of order 20 of any signal is about
-# (rate h/4)^20/20! = 4e-19 of the signal, below rounding.
+# Time is divided into intervals (pieces), on which every signal is a polynomial to rounding; signals jump only between
+# pieces. On a piece of length 4/rate the truncation error of the Chebyshev series of order 20 of any signal is about
+# 1/20! = 4e-19 of the signal, below rounding.
 _NODES = 20
 _PIECE = 4.0  # largest length of a piece times `rate`
 _MOST_PIECES = 200_000  # a second or two of computing; a response that needs more is most likely a mistake
-_SAME_TIME = 1e-12  # relative difference within which a time counts as a multiple of the dead time
+_SAME_TIME = 1e-12  # relative difference within which a time is regarded as the end of a piece
 _WELL_POSED = 1e-12  # least |1 + L(inf)| without dead time; a smaller one is 0 within rounding
 
 
@@ -148,19 +146,16 @@ def closed_loop_response(
 
 
 step_response = partial(closed_loop_response, reference=1.0)
-"""`closed_loop_response` to a step of the reference; the height of the step, `reference`, is 1 by default (unit of y).
-"""
+"""`closed_loop_response` to a step of the reference; its height `reference`, in the unit of y, is 1 by default."""
 
 disturbance_response = partial(closed_loop_response, disturbance=1.0)
-"""`closed_loop_response` to a step of the load at the plant's input, after dead time and actuator.
+"""`closed_loop_response` to a step of the load at the plant's input; its height `disturbance` is 1 by default.
 
-The height of the step, `disturbance`, is 1 by default. For a torque at the wheel give the brake's lag as `actuator` and
-the wheel as `plant`.
+For a torque at the wheel give the brake's lag as `actuator` and the wheel as `plant`.
 """
 
 
 def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
-    """States of the loop at t = 0: all 0, except for the states of the plant, which are `given` and come last."""
     start = np.zeros(order)
     if given is None:
         return start
@@ -256,11 +251,11 @@ class Equations:
         """Equations with scaled states, the scale of each state, and a bound `rate` on the rates of the signals, 1/s.
 
         The derivative of order k of a signal is at most rate^k times the largest value of the signal over the past dead
-        times. `rate` is the spectral radius of |a| + |b c_u|, where c_u is the row of c that gives the command u. It is
-        the smallest row-sum norm that a scaling of the states can give this matrix.
+        times.
         """
         from scipy.linalg import matrix_balance
 
+        # the spectral radius is the smallest row-sum norm that a scaling of the states can give to this matrix
         size = np.abs(self.a) + np.outer(np.abs(self.b), np.abs(self.c[1]))
         if size.size == 0:
             return self, np.ones(0), 0.0
@@ -271,17 +266,14 @@ class Equations:
 
 
 class Marcher:
-    """Time stepping of the loop over short intervals (pieces), with the values of the signals at Chebyshev points."""
+    """Time stepping of the loop over short intervals (pieces), with the signals at Chebyshev points (nodes)."""
 
     def __init__(self, equations: Equations, dead_time: float, steps: Floats) -> None:
         scaled, self._scale, rate = equations.balanced()
         self._equations, self._dead_time, self._steps, self._rate = scaled, dead_time, steps, rate
 
     def run(self, start: Floats, times: Floats) -> tuple[Floats, Floats]:
-        """Compute y, u, q and error at the times (s, ascending), shape (4, n), and du/dt, shape (n,).
-
-        `start` are the states at t = 0.
-        """
+        """Compute y, u, q and error at `times`, s, (4, n), and du/dt, (n,), from the states `start` at t = 0."""
         end = float(times[-1])
         back, length = self._pieces(end)
         if not end / length < _MOST_PIECES:
@@ -310,10 +302,7 @@ class Marcher:
         return 0, min(longest, max(end, 1e-300))
 
     def _march(self, start: Floats, count: int, back: int, nodal: Floats, constant: Floats) -> tuple[Floats, Floats]:
-        """Scaled states at the start of each piece, (count, n), and delayed command at the nodes of each piece.
-
-        `back` is the number of pieces in one dead time; `nodal` and `constant` are from `_solution`.
-        """
+        """Scaled states at the start of each piece, (count, n), and delayed command at the nodes of each piece."""
         eq, n, u = self._equations, start.size, self._equations.c[1]
         back = min(back, count)  # no command arrives later than the last piece
         # [u at the nodes; x at the end] = step [x at the start; w at the nodes] + shift
@@ -331,12 +320,8 @@ class Marcher:
         return states, commands[:count]
 
     def _solution(self, length: float) -> tuple[Floats, Floats]:
-        """Matrix M and constant c with which M [x0; w] + c are the states at the nodes of a piece of a `length`, s.
-
-        x0 are the states at the start of the piece, and w is the delayed command at its nodes. The shapes of M and c
-        are (nodes, n, n + nodes) and (nodes, n). The equations
-        are used in integrated form, x = x0 + integral of (a x + b w + e v), because differentiation amplifies rounding.
-        """
+        # The result is M and c: M [x0; w] + c are the states at the nodes, where x0 are the states at the start of the
+        # piece and w is the delayed command there; integration is used, because differentiation amplifies rounding
         eq, n = self._equations, self._equations.a.shape[0]
         integral = 0.5 * length * _INTEGRAL
         left = np.eye(_NODES * n) - np.kron(integral, eq.a)
@@ -349,13 +334,6 @@ class Marcher:
     def _signals(
         self, states: Floats, delayed: Floats, inside: Floats, length: float, nodal: Floats, constant: Floats
     ) -> tuple[Floats, Floats]:
-        """Compute y, u, q and error, shape (4, n), and du/dt, shape (n,), at n times.
-
-        - states, delayed: for each time, scaled states at the start of its piece and delayed command at the nodes.
-        - inside: position of each time in its piece, 0 to 1.
-        - length: length of a piece, s.
-        - nodal, constant: result of `_solution`.
-        """
         eq = self._equations
         known = np.hstack([states, delayed])
         weights = chebyshev.chebvander(2 * inside - 1, _NODES - 1) @ _TO_SERIES
@@ -369,9 +347,9 @@ class Marcher:
 
 
 def pieces_at(times: Floats, length: float) -> tuple[NDArray[np.intp], Floats]:
-    """Index of the piece that contains each time, and the position in the piece, 0 to 1.
+    """Index of the interval that contains each time, and the position in this interval, 0 to 1.
 
-    A time at the boundary of two pieces belongs to the later piece.
+    All intervals have the same `length`, s. A time at the boundary of two intervals belongs to the later one.
     """
     ratio = times / length
     near = np.round(ratio)
@@ -381,10 +359,7 @@ def pieces_at(times: Floats, length: float) -> tuple[NDArray[np.intp], Floats]:
 
 
 def _node_matrices() -> tuple[Floats, Floats, Floats]:
-    """Three matrices that act on the values of a function at the nodes on [-1, 1].
-
-    They give the coefficients of its Chebyshev series, its integral from -1 to each node, and its derivative.
-    """
+    """Matrices from the values of a function at the nodes to its Chebyshev series, its integral and its derivative."""
     nodes = -np.cos(np.pi * np.arange(_NODES) / (_NODES - 1))
     to_series = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
     integral = chebyshev.chebvander(nodes, _NODES) @ chebyshev.chebint(to_series, lbnd=-1, axis=0)

@@ -5,8 +5,8 @@ a dead time that is not a multiple of the period h ([Astrom1997] 2):
 
     x[k+1] = Phi x[k] + Gamma0 u[k-d] + Gamma1 u[k-d-1],    y[k] = C x[k],    dead time = (d + fraction) h
 
-d is an integer, and the fraction is from 0 to 1. This equation and that of the controller form the closed loop. It is
-stable if and only if all its eigenvalues lie inside the unit circle.
+d is an integer, and the fraction is from 0 to 1. This equation and that of the controller form the closed loop,
+which is stable if and only if all its eigenvalues lie inside the unit circle.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ _OF_PHASE = 0.01
 _AT_ONCE = 64  # boxes examined together, those with the least dead time
 _MOST_BOXES = 20_000  # boxes examined, some seconds; a loop that needs more has |L| = 1 nearly everywhere
 _TURNS_TRIED = 50  # numbers of turns (whole periods of dead time) tried for a box in one pass
-_SHARP = 1.5e-12  # deviation of ln L from linear that counts as rounding
-_TINY = 1e-9  # relative size at which an undecided box counts as a root: two poles touch the circle there, or nearly
-_SAME = 1e-9  # distance of two roots, relative to the margin, below which they count as one
+_SHARP = 1.5e-12  # deviation of ln L from linear that may be rounding
+_TINY = 1e-9  # relative size at which an undecided box is taken for a root: two poles touch the circle there, or nearly
+_SAME = 1e-9  # distance of two roots, relative to the margin, below which they are regarded as one root
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ class HeldPlant:
         return self.periods + (1 if np.any(self.gamma1) else 0)
 
     def flow(self, lengths: Floats) -> Floats:
-        """Matrices that advance the plant by each of the times `lengths`, (n,), in sampling periods.
+        """Matrices that advance the plant by the times `lengths`, (n,), in sampling periods, with a constant command.
 
-        The shape is (n, order + 1, order + 1). Each multiplies the vector [states; command]; the command is constant.
+        Each multiplies the vector [states; command]; the shape is (n, order + 1, order + 1).
         """
         from scipy.linalg import expm
 
@@ -143,8 +143,8 @@ class SampledLoop(BoundedLoop):
     def closed_loop_matrix(self) -> Floats:
         """Matrix that gives the states of the closed loop at the next sample, for reference 0.
 
-        The states are those of the plant, the past commands (latest first), and the states of the controller. The
-        matrix has a row for each period of dead time. InputError: the dead time exceeds 500 periods.
+        The states are those of the plant, the past commands (latest first), and those of the controller. InputError:
+        the dead time exceeds 500 periods.
         """
         if self.dead_time > MOST_PERIODS * self.period:
             raise InputError(
@@ -188,12 +188,10 @@ class SampledLoop(BoundedLoop):
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Number of poles of L outside the unit circle."""
         return int(np.count_nonzero(np.abs(self.controller.poles) > 1) + np.count_nonzero(self.plant.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Number of poles of L at z = 1."""
         return int(np.count_nonzero(self.controller.poles == 1) + np.count_nonzero(self.plant.poles == 0))
 
     def poles(self) -> Complexes:
@@ -248,10 +246,7 @@ class SampledLoop(BoundedLoop):
         )
 
     def _run(self, count: int) -> tuple[Floats, Floats]:
-        """States of the plant at the first `count` samples of a step response, and the commands.
-
-        The commands begin with an additional 0, the command for t < 0.
-        """
+        """Plant states at the first `count` samples of a unit step response, and commands, preceded by 0 for t < 0."""
         if count > MOST_SAMPLES:
             raise InputError(
                 f"time: {count} samples are not allowed; give a time <= {MOST_SAMPLES * self.period:.3g} s"
@@ -321,9 +316,9 @@ class SampledLoop(BoundedLoop):
 
     @cached_property
     def feature_frequencies(self) -> Floats:
-        """Magnitudes of the poles and zeros of plant and controller, rad/s; a magnitude of 0 is left out.
+        """Magnitudes > 0 of the poles and zeros of plant and controller, rad/s.
 
-        A pole or zero z of the controller is converted to ln(z)/h, with the sampling period h.
+        The magnitude for a pole or zero z of the controller is |ln(z)|/h, with the sampling period h.
         """
         in_z = np.concatenate([self.controller.zeros, self.controller.poles])
         sizes = [self.plant.zeros, self.plant.poles, np.log(in_z[in_z != 0]) / self.period]
@@ -331,11 +326,9 @@ class SampledLoop(BoundedLoop):
         return np.asarray(found[found > 0])
 
     def _plant_response(self, z: Complexes, beyond_one: Complexes) -> tuple[Complexes, Complexes]:
-        """Pulse transfer function of hold, plant and dead time at z, and the derivative of its logarithm by z.
-
-        `beyond_one` is z - 1, given separately for accuracy near z = 1.
-        """
+        """Pulse transfer function of hold, plant and dead time at z, and the derivative of its logarithm by z."""
         held = self.held_plant
+        # `beyond_one` is z - 1, given separately because the difference loses digits near z = 1
         resolvent = beyond_one[..., None, None] * np.eye(held.c.size) - held.growth
         driven = held.gamma0 + held.gamma1 / z[..., None]
         state = np.linalg.solve(resolvent, driven[..., None])[..., 0]
@@ -354,8 +347,7 @@ class SampledLoop(BoundedLoop):
         periods = math.floor(self.dead_time / h)
         late = max(0.0, self.dead_time - periods * h)
 
-        def integral(time: float) -> Floats:
-            """Integral of exp(a s) for s from 0 to `time`, with the matrix a of the plant."""
+        def integral(time: float) -> Floats:  # of exp(a s) for s from 0 to `time`
             block = np.zeros((2 * p.order, 2 * p.order))
             block[: p.order, : p.order], block[: p.order, p.order :] = p.a * time, np.eye(p.order) * time
             return np.asarray(expm(block)[: p.order, p.order :])
@@ -389,20 +381,19 @@ def check_period(period: float) -> float:
 
 @dataclass(frozen=True)
 class BoxedExpansion:
-    """Expansion of ln(L z^turns) about the middles of n boxes in the plane of theta and fraction.
+    """Expansion of ln(L z^turns) about the middles of n boxes in the plane of frequency and fraction of a period.
 
     The frequency is given by z = exp(j theta), theta in rad. The dead time is turns - 1 + fraction sampling periods,
-    where turns is an integer and the fraction is from 0 to 1. The sampled plant has a numerator polynomial in z. It
-    depends on G(m), the states of the plant after m = 1 - fraction periods with command 1.
+    where turns is an integer and the fraction is from 0 to 1. The sampled plant has a numerator polynomial in z, which
+    depends on the states G(m) of the plant after m = 1 - fraction periods with command 1.
 
     - value, slope, drift: array of complex, (n,); ln(L z^turns) and its derivatives with respect to theta and to the
       fraction.
     - near: reciprocal distances of z to the poles of L and to the zeros of the controller, (n, number of these).
     - signs: 1 for a zero and -1 for a pole, for each column of `near`.
-    - taylor: Taylor coefficients of the plant's numerator about z, divided by its value at z, (n, order + 1).
-    - drifts: derivatives of the Taylor coefficients with respect to m, divided by the same value, (n, order + 1).
-    - follows: derivatives of the Taylor coefficients with respect to the components of G(m), divided by the same value,
-      (n, order + 1, order).
+    - taylor: Taylor coefficients of the plant's numerator about z, (n, order + 1).
+    - drifts, follows: derivatives of these coefficients with respect to m, (n, order + 1), and with respect to the
+      components of G(m), (n, order + 1, order). All three arrays are divided by the numerator at z.
     """
 
     of: BoxedResponse
@@ -421,12 +412,12 @@ class BoxedExpansion:
         """Upper bounds for each box: on ln|L|, and on the deviations of ln L and of ln|L| from the linear expansion.
 
         A bound is inf if none exists. The bound for ln L also holds for complex theta in the disk with radius `half`.
-        At low frequency the bound for ln|L| is much smaller, because a delay turns L without changing |L|.
 
         - half: half width of each box in theta, rad, (n,).
         - half_fraction: half width of each box in the fraction, (n,); None for boxes with one fraction only.
         """
-        # each power of z - middle is bounded by its size; in the third bound the first power is split along the circle
+        # each power of z - middle is bounded by its size; in the third bound the first power is split along the circle,
+        # because at low frequency a delay turns L without changing |L|
         reach = np.expm1(half)  # |z - middle|
         powers: Floats = reach[:, None] ** np.arange(self.taylor.shape[1])
         powers[:, 0] = 0.0
@@ -478,10 +469,7 @@ class BoxedResponse:
         return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:
-        """Upper bound on the deviation of each component of G from its linear expansion, (n, order).
-
-        The bound holds for all fractions of a sampling period within `half` of `fraction`, both (n,).
-        """
+        """Upper bound, (n, order), on how far G deviates from its linear expansion within `half` of `fraction`."""
         from scipy.linalg import expm
 
         a, b = self._held.a, self._held.b
@@ -534,12 +522,12 @@ class BoxedResponse:
 
 
 class Boxes(NamedTuple):
-    """Boxes in the plane of theta and fraction that are examined for roots of L = -1; each field is (n,).
+    """Boxes of theta and fraction (see `BoxedExpansion`) that may contain roots of L = -1; each field is (n,).
 
     - theta, half: middle and half width in theta, rad.
     - fraction, half_fraction: middle and half width in the fraction of a sampling period.
-    - turns: number of turns for which the box is examined next; see `BoxedExpansion`.
-    - only: true if the box is examined for this number of turns only, not for larger numbers.
+    - turns: number of turns for which the box is examined next.
+    - only: true if the box is examined only for this number of turns, false if also for larger numbers.
     - least: smallest dead time at which the box may contain a root, in sampling periods.
     """
 
@@ -552,16 +540,15 @@ class Boxes(NamedTuple):
     least: Floats
 
     def at(self, index: NDArray[np.intp] | Flags) -> Boxes:
-        """The boxes with these indices."""
         return Boxes._make(each[index] for each in self)
 
 
 def added_delay(loop: SampledLoop) -> tuple[float, float]:
-    """Least added dead time at which stability is lost, s, and the frequency of the pole there, rad/s.
+    """Least added dead time that destabilises, s, and frequency of the pole there, rad/s; inf and NaN if none does.
 
-    The result is inf and NaN if stability is never lost. Frequencies below 1e-5 times the slowest pole or zero are not
-    searched, nor are dead times that have more than 90 deg of phase at this lowest frequency. If 20 000 boxes of
-    frequency and dead time do not isolate the root, the result is the dead time up to which stability is certain.
+    Frequencies below 1e-5 times the slowest pole or zero are not searched, nor are dead times that have more than 90
+    deg of phase at this lowest frequency. If 20 000 boxes of frequency and dead time do not isolate the root, the
+    result is the dead time up to which stability is certain.
     """
     response, begin = loop._boxed, loop.dead_time / loop.period
     edges = response.first_edges()
@@ -582,11 +569,8 @@ def added_delay(loop: SampledLoop) -> tuple[float, float]:
 
 
 def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
-    """Boxes that cover all frequencies and all dead times from that of the loop on.
-
-    `edges`: ends of the intervals of theta, rad. The dead time of the loop is `periods` + `own` sampling periods;
-    fractions below `own` therefore begin with one whole period more.
-    """
+    """Boxes that cover the intervals of theta between `edges`, rad, and all dead times from that of the loop on."""
+    # the loop has the dead time `periods` + `own`: fractions below `own` begin with one whole period more
     half, boxes = np.diff(edges) / 2, []
     for early, late, turns in ((0.0, own, periods + 2), (own, 1.0, periods + 1)):
         if late > early:
@@ -609,11 +593,7 @@ class Step(NamedTuple):
 
 
 def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Boxes], list[tuple[float, float]]]:
-    """Examine and divide boxes; return the parts that may contain a root, and the roots found.
-
-    Each root is (dead time in sampling periods, theta in rad). Only roots with a dead time above `begin`, in sampling
-    periods, are returned.
-    """
+    """Divide boxes; return the parts that may contain a root, and the roots (dead time in periods, theta in rad)."""
     expansion = response.expand(boxes.theta, boxes.fraction)
     top, rest, level = expansion.bounds(boxes.half, boxes.half_fraction)
     still = expansion.bounds(boxes.half)[2]
@@ -628,8 +608,9 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
     done = alive & ((rest < _SHARP) & np.isfinite(step.fraction_room) | tiny)
     dead_time = np.where(np.isfinite(step.fraction_room), boxes.turns - 1 + boxes.fraction + step.fraction, boxes.least)
     theta = np.minimum(boxes.theta + step.theta, math.pi)
+    # only roots beyond the dead time of the loop, `begin`
     roots = [(float(dead_time[i]), float(theta[i])) for i in np.flatnonzero(done & (dead_time > begin))]
-    # if the step leaves less than half of a box, the remaining part only matters for later turns
+    # if the step leaves less than half of a box, the other part only matters for larger numbers of turns
     narrow = alive & ~done & (step.fraction_room < boxes.half_fraction / 2)
     later = boxes._replace(turns=boxes.turns + 1, least=boxes.turns + boxes.fraction - boxes.half_fraction)
     parts = [_narrowed(boxes, step).at(narrow), later.at((narrow | done) & ~boxes.only)]
@@ -651,10 +632,6 @@ def _next_turns(
     """Find the least number of turns, at least the present number, for which each box may contain a root.
 
     Return the boxes with this number, the Newton step for it, and True for each box that may contain a root at all.
-
-    - rest: bound on the deviation of ln L from the linear expansion in the box.
-    - across: bound on the change of ln|L| in the box that is not due to the slope in theta.
-    - alive: boxes that may contain a root, as far as known so far.
     """
     size, phase = expansion.value.real, expansion.value.imag - math.pi
     rise, drift, turns = expansion.slope.real, expansion.drift, boxes.turns
@@ -695,10 +672,7 @@ def _next_turns(
 
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
-    """The part of each box in which a root can be, according to the Newton step and its largest error.
-
-    It is valid only for `boxes.turns`, the number of turns with which the step was computed.
-    """
+    """Reduce each box to the part in which, by the Newton step, a root for `boxes.turns` turns may lie."""
 
     def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:
         low, high = np.clip(to - room, -half, half), np.clip(to + room, -half, half)

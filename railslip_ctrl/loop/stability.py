@@ -1,17 +1,8 @@
 """Exact number of closed-loop poles in the right half plane, and the rightmost closed-loop poles.
 
-The closed-loop poles are the zeros of the quasi-polynomial Q(s) = D(s) + N(s) exp(-tau s), where
-L(s) = N(s) exp(-tau s)/D(s). On the imaginary axis, s = j omega, the argument of Q has a closed form wherever |L| is
-not 1. It is arg D + Arg(1 + L) for |L| < 1 and arg N - tau omega + Arg(1 + 1/L) for |L| > 1; here both values of Arg
-are within +-90 deg. At a gain crossover the two forms differ by 2 pi round(arg L/2 pi). Therefore the gain crossovers
-and the continuous phase of L at each of them give the number of poles, without a grid or a Pade approximation.
-Open-loop poles on or near the imaginary axis do not disturb the count, because for large |L| the argument contains only
-N. This is the direct method of [WaltonMarshall1987], applied to one dead time.
-
-The gain crossovers are algebraic numbers: roots of exact polynomials (`crossings`). If rounding of the phase could
-matter, ball arithmetic of increasing precision decides. With dead time some precision always suffices: at a crossover
-exp(-j tau omega) is transcendental (Lindemann), and L is therefore not -1. Without dead time, L = -1 at a crossover
-means a closed-loop pole on the imaginary axis.
+The poles are the zeros of Q(s) = D(s) + N(s) exp(-tau s), where L(s) = N(s) exp(-tau s)/D(s). The gain crossovers and
+the continuous phase of L at each of them give the number of poles, without a grid or a Pade approximation. This is the
+direct method of [WaltonMarshall1987], applied to one dead time. Ball arithmetic decides where rounding could matter.
 """
 
 from __future__ import annotations
@@ -27,17 +18,17 @@ from .crossings import GAIN, MOST_BITS, Response
 from .rational import Rational, realise, rounded_roots
 
 _FARTHEST = 600.0  # largest dead time times |line|: exp(600) is still a double
-_SHIFT = 1e-7  # shift of the contour to the left, relative to the loop's frequencies, so that poles on the axis count
+_SHIFT = 1e-7  # shift of the contour to the left, relative to the loop's frequencies, to count poles on the axis
 _NEWTON_STEPS = 60  # most steps from one start value
 _FIXED_POINT_STEPS = 30  # iterations for the start values of the chain; Newton's method refines them
 _RESIDUAL = 1e-10  # largest |Q|/(|D| + |N exp|) of an accepted pole; even a double pole leaves about 1e-15
 _POINTS = (40, 80, 160)  # numbers of Chebyshev points, tried in turn; they only matter for the poles near the origin
-_SAME = 1e-7  # relative distance within which two computed zeros count as one; a double zero is accurate to 1e-8
+_SAME = 1e-7  # relative distance within which two computed zeros are regarded as one; a double zero is accurate to 1e-8
 
 
 @dataclass(frozen=True)
 class RootCount:
-    """Number of closed-loop poles right of a line parallel to the imaginary axis, by default the axis itself.
+    """Number of closed-loop poles right of the imaginary axis, or of a line parallel to it.
 
     For a sampled loop it is the number of poles outside the unit circle.
 
@@ -55,13 +46,7 @@ class RootCount:
 
 
 def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> RootCount:
-    """Count the closed-loop poles of L(s) = G(s) exp(-dead_time s) whose real part exceeds `line`, 1/s.
-
-    - system: G.
-    - dead_time: s, >= 0.
-
-    The number is inf if infinitely many poles lie there.
-    """
+    """Number of closed-loop poles of L(s) = system(s) exp(-dead_time s) right of Re s = `line`, 1/s; it may be inf."""
     if dead_time * line < -_FARTHEST:
         return RootCount(float("inf"), False)  # exp(-tau line) would overflow
     return root_count(_moved(Response(system, dead_time), line) if line else Response(system, dead_time))
@@ -87,7 +72,6 @@ def _moved(response: Response, c: float) -> Response:
 
 
 def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
-    """Number of closed-loop poles with positive real part, and true if poles are on the imaginary axis."""
     system, dead_time = response.system, response.dead_time
     both = (system.zeros.tolist(), system.poles.tolist())
     axis_zeros, axis_poles = (any(root.real == 0 for root in roots) for roots in both)
@@ -108,12 +92,13 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
         with ctx.workprec(MOST_BITS):
             roots = characteristic.complex_roots()
         return float(sum(n for root, n in roots if root.real > 0)), any(root.real.contains(0) for root, _ in roots)
-    # half turns of arg Q from omega = 0 to infinity; the form with arg N is used where |L| > 1, else the form with arg
-    # D
+    # Half turns of arg Q from omega = 0 to infinity. On the axis it is arg D + Arg(1 + L) where |L| < 1, and
+    # arg N - tau omega + Arg(1 + 1/L) where |L| > 1, with Arg within +-90 deg. At a gain crossover the two forms differ
+    # by 2 pi round(arg L/2 pi).
     large, turned = response.exact.large_at_zero, int(system.gain < 0)
     change = -(right[0] + turned) if large else -right[1]
     phases = response.phases_at_crossovers(certain=True) if certain else response.crossover_phases
-    if not all(rest for _, rest in phases):
+    if not all(rest for _, rest in phases):  # L = -1, only without dead time: else exp(-j tau omega) is transcendental
         return float("nan"), True
     for (odd, rest), (_, multiplicity) in zip(phases, response.exact.frequencies(GAIN), strict=True):
         if multiplicity % 2:  # at a touch of |L| = 1 the form does not change
@@ -141,12 +126,11 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
       poles as G.
 
     Raises SpectrumError if the exact root count differs from the number of computed poles. A neutral loop has
-    infinitely many poles with nearly equal real parts (a chain). The poles of the chain are listed in ascending
-    frequency; only poles right of the chain are compared with the root count.
+    infinitely many poles with nearly equal real parts (a chain); they are listed in ascending frequency, and only poles
+    right of them are compared with the root count.
 
-    The dead time is represented by a transport line. Its values at Chebyshev points and the states of G form a linear
-    system, whose rightmost eigenvalues are close to the closed-loop poles ([Breda2005]). Newton's method refines each
-    pole to rounding. The exact number of poles right of a line then proves that no pole is missing.
+    The start values are the eigenvalues if a transport line at Chebyshev points replaces the dead time ([Breda2005]).
+    Newton's method refines them to rounding.
     """
     num, den = system.polynomials
     if dead_time == 0 or system.gain == 0:
@@ -165,7 +149,7 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
 
 
 def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
-    """Approximate poles far from the origin, by iteration of tau s = ln(-N/D) + 2 pi j k for k = 0 to `count` - 1."""
+    # poles far from the origin by iteration of tau s = ln(-N/D) + 2 pi j k for k = 0 to `count` - 1
     turns = np.arange(count, dtype=float)
     s = (2 * np.pi * turns + np.pi / 2) * 1j / dead_time + 1.0 / dead_time
     with np.errstate(all="ignore"):
@@ -229,10 +213,7 @@ def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Compl
 
 
 def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes:
-    """Zeros of Q to which Newton's method converges from the start values, without repetition.
-
-    A double zero is listed twice. Pairs are exact conjugates.
-    """
+    """Zeros of Q to which Newton's method converges, without repetition; a double zero is listed twice."""
     start = start[np.isfinite(start)]
     found, good = _newton(system, dead_time, start)
     features = np.abs(np.append(system.roots, 1 / dead_time))
@@ -253,7 +234,6 @@ def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes
 
 
 def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
-    """True if the zero `s` of Q is a double zero: dQ/ds vanishes, to the accuracy of a double zero."""
     at = np.array([s])
     _q, slope, size = _quasi_polynomial(system, dead_time, at)
     if size[0] == 0 or not np.isfinite(size[0]):
@@ -264,15 +244,12 @@ def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
 
 
 def _ordered(poles: Complexes) -> Complexes:
-    """Sort poles: rightmost first, then ascending |Im|, then Im > 0 before Im < 0."""
     return poles[np.lexsort((-poles.imag, np.abs(poles.imag), -poles.real))]
 
 
 def _confirmed(system: Rational, dead_time: float, poles: Complexes, count: int) -> bool:
-    """True if the exact number of poles right of a line equals the number of `poles` there.
-
-    The line lies just left of pole number `count`, but not left of the chain of a neutral loop.
-    """
+    """True if `poles` contains all closed-loop poles right of a line near pole number `count`."""
+    # the line lies just left of pole number `count`
     scale = 1e-9 * abs(poles[count - 1])
     edge = float(poles.real[count - 1]) - scale
     left = poles.real[poles.real < edge]
