@@ -233,9 +233,6 @@ def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:
     return PadeRow(order, approximate.margins() if approximate.is_stable() else None)
 
 
-# --- loops of one controller under one title --------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class ControllerGroup:
     """Assessments and frequency responses of one controller at every operating point."""

@@ -106,17 +106,11 @@ def published_reference(column: Column) -> ReferenceSlip:
     return reference
 
 
-# --- this project's own -----------------------------------------------------------------------------------------------
-
-
 MS_MAX = 2.0  #: largest Ms the designs are tuned for: the upper end of the reasonable range of [Astrom1998]
 LEAD, LEAD_FILTER = 0.6, 0.06  #: s, lead and lead filter for the published brake; see `lead_of`
 
 INITIAL_SHARE = 0.12
-"""Initial torque of `recommended_pi_lead`, relative to wheel load times radius.
-
-It is below the adhesion peak of the wet rail of [Park2008], 0.153, so that both rails can transmit it.
-"""
+"""Initial torque of `recommended_pi_lead` over wheel load times radius; the peak on wet rail is 0.153 ([Park2008])."""
 
 SPEEDS_KMH = (20.0, 60.0, 100.0)
 _SCHEDULE_SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
@@ -294,9 +288,6 @@ def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, ref
     system = PIController(gains, lead, FILTER_RATIO * lead)
     control = braking_control(system, points, reference, name=pi_kind.kind, kind=pi_kind)
     return begun(kind, control, reference) if kind is TransferFunction else control
-
-
-# --- by name ----------------------------------------------------------------------------------------------------------
 
 
 BY_RULE: Mapping[str, type[Controller]] = MappingProxyType(

@@ -1,8 +1,9 @@
 """Dead-time compensators with exact loops: Smith predictors and an observer with prediction.
 
-They control the plant G(s) exp(-tau s) from commanded torque, N*m, to -e, m/s, where G = N/D and q = exp(-tau s). C0 =
-N0/D0 is the controller inside a Smith predictor. A mode that cancels in the loop L (a hidden mode) still counts for
-stability. The margins are tolerances for changes of the true plant while the model in the controller remains unchanged.
+They control the plant G(s) exp(-tau s) from commanded torque, N*m, to -e, m/s, where e is the slip error, G = N/D and q
+= exp(-tau s). C0 = N0/D0 is the controller inside a Smith predictor. A loop is unstable also if an unstable mode
+cancels in L (a hidden mode). The margins are tolerances for changes of the true plant while the model in the controller
+remains unchanged.
 """
 
 from __future__ import annotations
@@ -138,13 +139,9 @@ def observer_compensator(
     """Return state feedback with an observer, prediction over the dead time, and integral action.
 
     The plant without dead time is x' = A x + B u, y = C x. An observer with gain Lo estimates the state: x^' = A x^ + B
-    u(t - tau) + Lo (y - C x^). The state is predicted exactly over the dead time tau ([ManitiusOlbrot1979],
-    [Artstein1982]):
-
-        x^(t + tau) = exp(A tau) x^(t) + integral over 0..tau of exp(A s) B u(t - s) ds.
-
-    The integral of y is predicted in the same way. The control u is -K times the predicted vector of x and this
-    integral. The closed loop has exactly the poles `feedback_poles` and `observer_poles`.
+    u(t - tau) + Lo (y - C x^). The state and the integral of y are predicted exactly over the dead time tau
+    ([ManitiusOlbrot1979], [Artstein1982]). The control u is -K times the predicted vector. The closed loop has exactly
+    the poles `feedback_poles` and `observer_poles`.
 
     - plant: plant of order n without dead time.
     - dead_time: tau, s, >= 0.
@@ -212,6 +209,7 @@ def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
 
 
 def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
+    # Ackermann's formula: SciPy's `place_poles` rejects repeated poles, and `place_acker` fails for bad scaling
     n = a.shape[0]
     reach = np.hstack([np.linalg.matrix_power(a, i) @ b for i in range(n)])
     scale = np.abs(reach).max(axis=0)

@@ -39,8 +39,6 @@ from railslip_ctrl.loop.crossings import Response, bracketed_roots
 from railslip_ctrl.loop.rational import Axis, angle_sum, fraction, positive_square_roots, rounded_roots
 from railslip_ctrl.loop.stability import RootCount
 
-# --- real values on the axis ------------------------------------------------------------------------------------------
-#
 # Let F and G be polynomials, phi = tau omega + arg F and kappa = Im G/|F|. F(s) exp(tau s) + G(s) is real on
 # s = j omega if sin phi = -kappa: phi + asin kappa is an even multiple of pi, or phi - asin kappa an odd one. No grid
 # is needed: the frequencies with |kappa| = 1 and the turning points of either angle are roots of polynomials in x =
@@ -56,12 +54,9 @@ _NOTHING = 1e-80  # |kappa| below this, near omega = 0, counts as its limit 0; t
 def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, highest: float) -> Floats:
     """Return all frequencies omega, rad/s, at which F(s) exp(tau s) + G(s) is real for s = j omega.
 
-    - factor: polynomial F, not 0; frequencies at which F is 0 are left out.
-    - other: polynomial G; Im G must not change its sign over omega > 0.
-    - dead_time: tau, s.
-    - highest: upper end of the search, rad/s, excluded; finite unless `dead_time` is 0.
-
-    The result is empty if the function is real at every frequency.
+    `factor` is the polynomial F, not 0, and `other` the polynomial G; Im G must not change its sign over omega > 0. The
+    search ends at `highest`, rad/s, which may be infinite without dead time. Roots of F are left out. The result is
+    empty if the function is real at every frequency.
     """
     if dead_time == 0:
         factor, other = factor + other, fmpq_poly([0])
@@ -188,9 +183,6 @@ def _frequencies(polynomial: fmpq_poly) -> Floats:
         return np.array([float(omega.mid()) for omega, _ in positive_square_roots(polynomial)])
 
 
-# --- sets of a gain as ascending open intervals -----------------------------------------------------------------------
-
-
 Interval = tuple[float, float]
 Intervals = tuple[Interval, ...]
 
@@ -220,6 +212,7 @@ def stable_intervals(
             if found and found[-1][1] == low and count(low).stable:
                 low = found.pop()[0]
             found.append((low, high))
+        # the number of unstable poles can fall only at leftward gains, by at most 2 at each
         unknown = inside.marginal or not math.isfinite(inside.right)
         needed = 0 if unknown else max(1, (int(inside.right) + 1) // 2)
         ahead = leftward[leftward > i]
@@ -252,9 +245,6 @@ def common_intervals(families: Sequence[Intervals]) -> Intervals:
         pairs = [(max(a, c), min(b, d)) for a, b in common for c, d in other]
         common = tuple(sorted((low, high) for low, high in pairs if low < high))
     return common
-
-
-# --- the decomposition ------------------------------------------------------------------------------------------------
 
 
 _S = fmpq_poly([0, 1])
@@ -299,8 +289,6 @@ class Decomposition:
         """Return the controller C(s), without an integrator if ki = 0."""
         return _controller(kp, ki, self.derivative_gain + kp * self.derivative_time, self.derivative_filter)
 
-    # -- the boundary curve -------------------------------------------------------------------------------
-
     def inverse(self, omega: Floats) -> Complexes:
         """Return R(j omega) of the module's equation for omega > 0, rad/s."""
         delayed = self._delayed(omega)
@@ -332,8 +320,6 @@ class Decomposition:
         inverse, shape = self.inverse(omega), self.proportional(omega)
         kp = -inverse.real / shape.real
         return np.asarray(kp), np.asarray(omega * (inverse.imag + kp * shape.imag))
-
-    # -- critical gains -----------------------------------------------------------------------------------
 
     def proportional_gains(self) -> CriticalGains:
         """Return all kp for which the loop with ki = 0 has a pole on the imaginary axis or at infinity."""
@@ -422,8 +408,6 @@ class Decomposition:
 
     def _real(self, factor: fmpq_poly, other: fmpq_poly) -> Floats:
         return real_frequencies(factor, other, self.dead_time, self._limit)
-
-    # -- bounds of gains and frequencies ------------------------------------------------------------------
 
     @property
     def _ends(self) -> tuple[float, float]:
@@ -516,7 +500,8 @@ def _even(polynomial: fmpq_poly) -> fmpq_poly:
 
 
 def _may_rise(omega: Floats, slope: Floats, size: Floats) -> Flags:
-    """Mark frequencies at which a function of omega may rise; `size` bounds the magnitude of its terms."""
+    """Mark frequencies at which the slope of a function is not surely negative; `size` bounds the rounding errors."""
+    # Re ds/dk of a pole s = j omega has the opposite sign of the slope: where it may rise, poles may move to the left
     return np.asarray(slope * omega > -_SURELY_FALLING * size)
 
 

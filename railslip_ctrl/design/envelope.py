@@ -270,9 +270,6 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     return validated(Envelope, {**table, "vehicle": car}, f"{where}: envelope")
 
 
-# --- the cases ------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Case:
     """One case of an envelope: an operating point, or a variation of it within the tolerances.

@@ -77,11 +77,8 @@ def by_rule(
 ) -> Design:
     """Compute the parameters of a controller from the vehicle, without tuning, and judge the controller.
 
-    - kind: class of the controller, which has a rule for its parameters.
-    - envelope: vehicle, and operating points and tolerances for the judgement.
-    - ms_max: required Ms, a ratio, > 1; a `Design` with a larger Ms has a `reason`.
-    - nominal: if true, judge without tolerances.
-    - period: sampling period, s; by default the rule of the kind sets it.
+    `kind` is a class with a rule for its parameters. If Ms is above `ms_max`, a ratio > 1, the `Design` has a `reason`.
+    With `nominal` the judgement has no tolerances. `period` is in s; by default the rule sets it.
     """
     fields = {} if period is None else {"period": check_period(period)}
     control = kind.for_vehicle(envelope.vehicle, **fields)
@@ -213,6 +210,7 @@ def tune_over(
 
 
 def _with_hold(actuator: Actuator, period: float) -> Actuator:
+    # half a period of dead time approximates the zero-order hold to second order
     return actuator.model_copy(update={"dead_time": actuator.dead_time + period / 2})
 
 
@@ -271,6 +269,7 @@ def _tuned_at_ends(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases
 
 
 def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> TunedCases:
+    # a design that is optimal for a subset and feasible for all plants is optimal for all
     subset, result = _ends(plants), tuned
     while result.design is not None:
         known = {id(plant) for plant in subset}
@@ -355,9 +354,6 @@ def common_reference(envelope: Envelope, points: EnvelopePoints) -> ReferenceSli
     return ReferenceSlip(dry=dry, wet=wet)
 
 
-# --- selection: the best PI or PI-lead, with a smaller reference slip if that helps -----------------------------------
-
-
 REFERENCE_FACTORS = (1.0, 0.75, 0.5)
 """Factors that `select` tries on the reference slips of the envelope."""
 
@@ -426,7 +422,7 @@ class StructureChoice:
 
     @property
     def rank(self) -> tuple[tuple[bool, float, float], bool, float, str]:
-        """Sort key for all items of the list in `select`."""
+        """Sort key for all items of the list in `select`; the smallest is the best."""
         return self.tier, not self.reaches, -self.reference_factor, self.structure
 
     @property
@@ -540,6 +536,7 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
     start = SURE_SHARE * min(point.brake_torque for point in operating)
     times = []
     for point in operating:
+        # at the start the wheel rolls, and the slip error is the reference slip velocity
         error = point.slip * point.speed
         lacking = point.brake_torque - start - controller.gains.kp * error
         reach = (
@@ -549,9 +546,6 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
         if point.speed_kmh > 0.999 * max(envelope.speeds):
             times.append((reach, stop))
     return max(times, key=lambda pair: pair[0] / pair[1])
-
-
-# --- the search -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

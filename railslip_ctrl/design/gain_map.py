@@ -66,6 +66,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
     systems = [shape * actuated_plant(plant, actuator) for plant in plants]
     family = Family(systems, [actuator.dead_time] * len(systems), True, ())
 
+    # the plant whose loop was unstable last is checked first
     order = list(range(len(systems)))
 
     def holds_all(kp: float, ki: float) -> bool:
@@ -88,6 +89,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
     def row(ki: float, ms: float | None) -> list[Interval]:
         if ms is None or not stable(ki):
             return stable(ki)
+        # a gap cannot extend beyond a stable interval, because Ms is infinite at the ends of the interval
         gaps = family.forbidden.gaps(ki, Specification(ms), ki)
         return [(a, b) for a, b in gaps if any(low <= 0.5 * (a + b) <= high for low, high in stable(ki))]
 

@@ -278,7 +278,7 @@ def control_effort(
     """Return the control effort of a controller in a loop that is known to be stable.
 
     - controller: linear system, or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity.
-    - plant: linear system from commanded torque to -e, with the actuator's lag and without its dead time.
+    - plant: linear system from commanded torque to -e, where e is the slip error, without the actuator's dead time.
     - dead_time, lag: dead time and lag of the actuator, s, >= 0.
     - sampling_period: sampling period of the noisy measurement, s, > 0.
 
@@ -302,6 +302,7 @@ def control_effort(
     noise = math.sqrt(float(np.mean(np.abs(torque(1j * omega)) ** 2)))
     wheel_gain = plant.gain * (lag or 1.0)
 
+    # s times the slip velocity after a torque impulse that changes it by 1 m/s, without feedback
     def wheel(s: Any) -> Complexes:
         return np.asarray(plant(s) * (lag * s + 1) * s / wheel_gain)
 
@@ -317,6 +318,7 @@ def _peak_rate(torque: Callable[[Any], Complexes], lag: float, at_once: float) -
     """
     if lag == 0 and at_once != 0:
         return math.inf
+    # a Fourier series of exp(-shift t) r(t); the term of r that falls as 1/s is added in closed form
     jump = at_once / (lag or 1.0)
     count = round(_HORIZON / _TIME_STEP)
     shift = 12.0 / _HORIZON  # aliasing from times after the horizon is damped by exp(-12)

@@ -123,11 +123,9 @@ def lowest_held_speed(
 ) -> float:
     """Return the lowest speed, km/h, from which up to 100 km/h the loop is stable with Ms <= `ms_max`.
 
-    - plant: function of the speed, km/h, that returns the linear plant.
-    - ms_max: largest Ms, a ratio; by default only stability is required.
-    - low_kmh: lower end of the search, km/h.
-
-    InfeasibleDesignError if the loop is unstable, or has a larger Ms, at 100 km/h.
+    `plant` returns the linear plant at a speed, km/h. `low_kmh` is the lower end of the search, km/h. By default
+    `ms_max` is infinite, and only stability is required. InfeasibleDesignError if the requirement is not met at 100
+    km/h.
     """
 
     def stable(speed_kmh: float) -> bool:
@@ -168,9 +166,6 @@ def _lowest(holds: Callable[[float], bool], low: float, high: float, message: st
     return good
 
 
-# --- margins along one axis: speed, or slip through the adhesion peak -------------------------------------------------
-
-
 Controller = Any
 """Linear controller (any argument of `systems.linear_controller`), or a function of speed or slip that returns one."""
 
@@ -202,11 +197,10 @@ def sweep_speed(
     vehicle: Vehicle = PARK2008,
     initial_speed_kmh: float = INITIAL_SPEED_KMH,
 ) -> MarginSweep:
-    """Return the margins of controllers over train speed at the reference slip of an adhesion law.
+    """Return the margins of controllers over train speed, at the reference slip of a published adhesion law.
 
-    - controllers: linear controllers by name, or functions of the speed, km/h, that return one.
-    - speeds_kmh: train speeds, km/h.
-    - law, rail, initial_speed_kmh: name, rail condition and v0 (km/h) of the published law.
+    `controllers` has linear controllers by name, or functions of the speed, km/h, that return one. `initial_speed_kmh`
+    is v0 of the law, km/h.
     """
     plants = [plant_at(law, vehicle, rail, speed, initial_speed_kmh) for speed in speeds_kmh]
     slip = plants[0].point.slip if plants else math.nan
@@ -226,9 +220,8 @@ def sweep_slip(
 ) -> MarginSweep:
     """Return the margins of controllers over slip ratio at one train speed, also beyond the adhesion peak.
 
-    - controllers: linear controllers by name, or functions of the slip ratio that return one.
-    - law, rail, initial_speed_kmh: name, rail condition and v0 (km/h) of the published law.
-    - speed_kmh: train speed, km/h.
+    `controllers` has linear controllers by name, or functions of the slip ratio that return one. The law is a published
+    one with v0 `initial_speed_kmh`, km/h.
     """
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     plants = [linearize(operating_point(adhesion, vehicle, speed_kmh * KMH, slip, rail=rail)) for slip in slips]

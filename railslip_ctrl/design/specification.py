@@ -72,9 +72,6 @@ class Specification:
         return ", ".join(parts)
 
 
-# --- many plants under one controller ---------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Worst:
     """Worst value of each margin over several stable loops, and the index of the loop with this value."""

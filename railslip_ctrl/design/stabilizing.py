@@ -39,8 +39,6 @@ from .decomposition import (
 )
 from .specification import family_margins
 
-# --- certainty, in ball arithmetic ------------------------------------------------------------------------------------
-
 _BITS = 80  # precision of ball arithmetic, bits
 _OUTWARD = 16.0  # factor by which the ends of the frequency band move outward until a bound holds beyond them
 _MOST_PARTS = 5_000  # largest number of parts of the frequency band
@@ -56,6 +54,7 @@ def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
 
 def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: Interval) -> bool:
     """Return True if it is proved that no gains in a closed rectangle put a closed-loop pole on the imaginary axis."""
+    # a pole at j omega needs ki + j omega kp = R(omega) with R = -j omega/P(j omega)
     integrated = Response(plant * Rational(np.array([]), np.array([0.0]), 1.0), dead_time)
     with ctx.workprec(_BITS):
         band = _band(Response(plant, dead_time), integrated, kp, ki)
@@ -65,6 +64,7 @@ def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: 
 def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> Interval | None:
     low, high = _ends(integrated)[0], _ends(plant)[1]
     most = max(abs(kp[0]), abs(kp[1]))
+    # outside the band |R| < ki or |P| (|kp| + ki/omega) < 1; both left sides are monotone there
     for _ in range(60):
         below = 1 / abs(integrated.exact.value(arb(low))[0]) < ki[0]
         size = abs(plant.exact.value(arb(high))[0])
@@ -101,15 +101,13 @@ def _outside(integrated: Response, low: float, middle: float, high: float, kp: I
     r = -1 / value
     # bound of |d^2 ln L/d omega^2|, a sum of positive terms in doubles
     bend = arb(float(integrated.bend(np.array([low]), np.array([high]))[0]) * (1 + 1e-12))
+    # a disc around r with this radius contains R between the two frequencies
     radius = abs(r) * (half * abs(slope) + half * half / 2 * bend).expm1()
     if not radius.is_finite():
         return False
     beside = r.real + radius < ki[0] or r.real - radius > ki[1]
     below = r.imag + radius < min(kp[0] * low, kp[0] * high)
     return bool(beside or below or r.imag - radius > max(kp[1] * low, kp[1] * high))
-
-
-# --- regions ----------------------------------------------------------------------------------------------------------
 
 
 class Region(ABC):
@@ -276,8 +274,6 @@ class StabilizingRegion(Region):
             )
         return f"{reason}; no PI can: add a lead, or reduce the dead time or the lags"
 
-    # -- internals ----------------------------------------------------------------------------------------
-
     def _count(self, kp: float, ki: float) -> RootCount:
         return count_right_of(self.decomposition.controller(kp, ki) * self.plant, self.dead_time)
 
@@ -308,6 +304,7 @@ class StabilizingRegion(Region):
         return float(np.sign(self.plant.gain) * np.prod(np.sign(-zeros[zeros.imag == 0].real)))
 
     def _integral_allowed(self, kp: float) -> bool:
+        # with opposite signs at s = 0 and at infinity the characteristic function has a positive real root
         far = 1.0 + self.decomposition.gain_at_infinity(kp)
         return bool(self._sign_at_origin * far > 0)
 
@@ -462,9 +459,6 @@ def _region(plant: Any, dead_time: float, **derivative: float) -> StabilizingReg
             "the actuator's lag"
         )
     return StabilizingRegion(Decomposition(loop.system, loop.dead_time, **derivative))
-
-
-# --- maps: the outline over kp, margins over a grid of gains ----------------------------------------------------------
 
 
 _GRID = 50, 40  # points of kp and ki; contours have no visible corners

@@ -162,9 +162,6 @@ def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:
     return values * count if len(values) == 1 else values
 
 
-# --- tuning at operating points, with the structures that the command offers ------------------------------------------
-
-
 _LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times of the first grid, relative to the actuator's lag
 
 
@@ -172,8 +169,7 @@ _LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times of the first 
 class TunedCases:
     """Specification for a kind of controller at some operating points, and the gains that were tuned, SI.
 
-    If no gains meet the specification, `design` is None, and `reason` states why. `lead` and `lead_filter` are the time
-    constants, s, of the lead in series with the PI.
+    If no gains meet the specification, `design` is None, and `reason` states why. `lead` and `lead_filter` are in s.
     """
 
     kind: type[PI]
@@ -272,8 +268,6 @@ def _tune(
     return TunedCases(kind, points, specification, ki_min, compensator.lead, compensator.lead_filter, design, reason)
 
 
-# --- one PI for some operating points, at a fixed integral time -------------------------------------------------------
-
 # Integral time relative to dead time plus lag. The corner of the integral action is then far below the crossover and
 # costs less than 2 deg of phase margin, while the offset still decays.
 _INTEGRAL_TIME = 50.0
@@ -350,9 +344,6 @@ def _common_range(
     raise InfeasibleDesignError(f"no single PI stabilises all operating points; stabilising kp: {texts}")
 
 
-# --- loop shaping by hand ---------------------------------------------------------------------------------------------
-
-
 @checked
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
     """Return the frequency, rad/s, at which the continuous phase of a `loop` is largest, and this phase, rad.
@@ -399,7 +390,6 @@ class FirstOrderModel:
 
     It is gain exp(-theta s) divided by (T s + 1) if stable, by (T s - 1) if unstable, and by s if integrating.
 
-    - kind: type of the pole.
     - gain: output over input, (m/s)/(N*m) for the wheel; per second if integrating.
     - time_constant: T, s; inf if integrating.
     - dead_time: theta, s.
@@ -423,7 +413,6 @@ class FirstOrderModel:
 class RuleTuning:
     """Controller C(s) = kp + ki/s + kd s of a tuning rule, which may fail to stabilise the full plant.
 
-    - rule: name of the rule.
     - gains: kp, N*m/(m/s), and ki, N*m/m, for the wheel.
     - derivative_gain: kd, N*m/(m/s^2) for the wheel; 0 for a PI.
     - model: first-order model of the plant.
@@ -455,10 +444,7 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
       pole is >= 0.
     - dead_time: dead time, s, >= 0.
 
-    Half of the largest neglected lag is added to the time constant of a stable model, and the other half to the dead
-    time. All smaller lags, and 1/z of each zero z > 0, are added to the dead time. The time constant of each negative
-    zero is subtracted from the dead time. [Skogestad2003] does not cover unstable plants; here all lags of an unstable
-    plant are added to the dead time.
+    [Skogestad2003] does not cover unstable plants; here all lags of an unstable plant are added to the dead time.
 
     InputError: another plant, or negative zeros whose time constants are larger than the dead time of the model.
     """

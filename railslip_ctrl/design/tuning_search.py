@@ -51,9 +51,8 @@ _REACH = 10.0  # factor between the gains at the highest samples and the ends of
 class Forbidden:
     """Gains that a specification excludes for plants with dead time, at densely sampled frequencies.
 
-    - responses: frequency responses of the plants.
-    - omegas: frequencies for each plant, rad/s.
-    - usual_kp: largest kp of each plant that stabilises with little integral action; inf if nothing bounds it.
+    `omegas` has the frequencies for each plant, rad/s, and `usual_kp` the largest kp of each plant that stabilises with
+    little integral action; inf if nothing bounds it.
     """
 
     def __init__(self, responses: Sequence[Response], omegas: Sequence[Floats], usual_kp: Sequence[float]) -> None:
@@ -118,10 +117,6 @@ class Forbidden:
         return list(zip(starts[wide].tolist(), ends[wide].tolist(), strict=True))
 
     def _beyond_samples(self, ki: float, radius: Floats) -> tuple[Floats, Floats]:
-        """Return the intervals of kp that the bound on Ms excludes at frequencies above the last sample.
-
-        There are such intervals for plants without dead time that fall as 1/s^2.
-        """
         last = self._last_of_double
         last = last[ki / self._omega[last] + np.abs(self._inverse.imag[last]) < radius[last]]
         kp = -self._inverse.real[last]
@@ -183,7 +178,7 @@ def _leg(hypotenuse: Floats, other: Floats) -> Floats:
 
 
 def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return start and end of the interval inside [0, 1] on which several linear functions are all >= 0.
+    """Return start and end of the interval inside [0, 1] on which linear functions are all >= 0.
 
     Each function is given by its values at 0 and 1. If there is no such interval, the start is above the end.
     """
@@ -194,9 +189,6 @@ def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         start = np.where(first < 0, np.where(last < 0, 2.0, np.fmax(start, zero)), start)
         end = np.where(last < 0, np.where(first < 0, -1.0, np.fmin(end, zero)), end)
     return start, end
-
-
-# --- the search -------------------------------------------------------------------------------------------------------
 
 
 _BAND = 0.02, 0.25  # smallest and largest relative width of the first bands of ki
@@ -219,13 +211,7 @@ _FEW = 4  # number of gains up to which all plants are computed at once
 
 @dataclass(frozen=True)
 class Family:
-    """Plants for which one common PI is tuned.
-
-    - systems: plants without dead time, each with the compensator.
-    - dead_times: dead time of each plant, s.
-    - compensated: whether there is a compensator, such as a lead.
-    - names: names of the plants in messages.
-    """
+    """Plants without dead time, each with the compensator, for which one common PI is tuned; dead times in s."""
 
     systems: list[Rational]
     dead_times: list[float]
@@ -305,10 +291,7 @@ class Family:
         return replace(self, systems=[self.systems[i] for i in chosen], dead_times=[self.dead_times[i] for i in chosen])
 
     def row(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
-        """Return the intervals of kp that meet a specification at one ki.
-
-        If `to`, a larger ki, is given, return the stable gaps of the band from `ki` to `to` instead.
-        """
+        """Return the intervals of kp that meet a specification at `ki`; with `to`, the stable gaps of a band of ki."""
         met, intervals = Specification() if to else specification, []
         for family in (self.few, self):
             intervals = family.gaps(family.forbidden.gaps(ki, specification, to), ki, met)
@@ -339,9 +322,6 @@ def _inside(low: float, high: float) -> float:
     if low * high > 0:
         return math.copysign(math.sqrt(low * high), low)
     return 0.5 * (high if low == 0 or (high != 0 and high < -low) else low)
-
-
-# -- maximise ki ------------------------------------------------------------------------------------------------
 
 
 def largest_ki(family: Family, specification: Specification) -> tuple[float, float]:
@@ -381,7 +361,7 @@ def _highest_rows(family: Family, specification: Specification) -> Iterator[tupl
 
 
 def _tip(family: Family, specification: Specification, gap: Interval, ki: float) -> tuple[float, float]:
-    """Return (kp, ki) with the largest ki that meets the specification near the interval `gap`, or ki = 0."""
+    """Return (kp, ki) with the largest feasible ki near the interval `gap` of kp; ki is 0 if no gains are feasible."""
     stable = Specification(crossover=specification.crossover)
     around = gap[1] - gap[0] + _AROUND * max(map(abs, gap))
     window = ((gap[0] - around, gap[1] + around),)
@@ -514,9 +494,6 @@ def _tightest(family: Family, ki: float, others: Specification, margin: str) -> 
         inner = family.gaps(family.forbidden.gaps(ki, bounded(middle)), ki, bounded(middle))
         low, high, gaps = (middle, high, inner) if inner else (low, middle, gaps)
     return gaps
-
-
-# -- minimise Ms ------------------------------------------------------------------------------------------------
 
 
 def least_ms(family: Family, specification: Specification, ki_min: float) -> tuple[float, float]:
