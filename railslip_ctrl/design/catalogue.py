@@ -177,10 +177,7 @@ def recommended_pi_lead(
 def recommended_schedule(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
 ) -> Scheduled:
-    """Return a PI-lead with gains over speed and rail, tuned with the static adhesion law `curve`.
-
-    `vehicle`, `reference` and `period` are those of `recommended_pi_lead`.
-    """
+    """Return a PI-lead with gains over speed and rail, tuned with the law `curve`; see `recommended_pi_lead`."""
     car = published_vehicle() if vehicle is None else vehicle
     return Scheduled.for_vehicle(
         car,

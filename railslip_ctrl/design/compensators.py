@@ -70,8 +70,8 @@ def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensato
     - dead_time: tau, s, >= 0.
     - controller: C0, designed for the plant without dead time.
 
-    With an unstable plant the loop is unstable for every C0, because the plant poles are hidden modes. InputError if C0
-    G is not strictly proper.
+    With an unstable plant the loop is unstable for every C0, because unstable plant poles are hidden modes. InputError
+    if C0 G is not strictly proper.
     """
     plant, controller = Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)

@@ -42,13 +42,13 @@ from railslip_ctrl.loop.stability import RootCount
 # Let F and G be polynomials, phi = tau omega + arg F and kappa = Im G/|F|. F(s) exp(tau s) + G(s) is real on
 # s = j omega if sin phi = -kappa: phi + asin kappa is an even multiple of pi, or phi - asin kappa an odd one. No grid
 # is needed: the frequencies with |kappa| = 1 and the turning points of either angle are roots of polynomials in x =
-# omega^2, isolated with certainty. Between two neighbouring ones of these frequencies both angles are monotone, so that
+# omega^2, isolated with certainty. Between two neighbours among these frequencies both angles are monotone, so that
 # the angles at both ends give the number of frequencies between them at which the function is real.
 
 _BITS = 128  # precision of the isolated roots, bits
-_STEP_OUT = 16.0  # ratio of trial frequencies that replace an end at 0 or infinity until the sign is that of the end
+_STEP_OUT = 16.0  # ratio of successive trial frequencies near an end at 0 or infinity
 _MOST_STEPS = 250  # largest number of trial ends
-_NOTHING = 1e-80  # |kappa| below this, near omega = 0, counts as its limit 0; the angle is then a multiple of pi
+_NOTHING = 1e-80  # smaller |kappa|, near omega = 0, is replaced by its limit 0; the angle is then a multiple of pi
 
 
 def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, highest: float) -> Floats:
@@ -249,7 +249,7 @@ def common_intervals(families: Sequence[Intervals]) -> Intervals:
 
 _S = fmpq_poly([0, 1])
 _MOST_TURNED = 1e6  # rad, largest phase of the dead time at the highest relevant frequency
-_SURELY_FALLING = 1e-9  # relative slope below which the direction of a crossing counts as unknown
+_SURELY_FALLING = 1e-9  # relative slope below which rounding may change the direction of a crossing
 
 
 @dataclass(frozen=True)

@@ -360,19 +360,14 @@ REFERENCE_FACTORS = (1.0, 0.75, 0.5)
 REACH_SHARE = 0.5
 """Share of the stopping time within which a design must build up the torque of its reference slip."""
 
-_INTEGRAL_TIMES = 64.0 * 2.0 ** -np.array(
-    [0, 2, 3, 4, 4.5, 5, 5.5, 6, 6.5, 7, 8]
-)  # integral times that are tried, relative to dead time plus lag, longest first
-_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # positions in the known interval of gains, on a log scale, tried for the rest
+# integral times that are tried, relative to dead time plus lag, longest first
+_INTEGRAL_TIMES = 64.0 * 2.0 ** -np.array([0, 2, 3, 4, 4.5, 5, 5.5, 6, 6.5, 7, 8])
+_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # further trial gains in the stabilising interval, on a log scale from 0 to 1
 _GAINS = 16  # number of gains of an interval, in equal ratios, at which Ms is computed
 _INSIDE = 0.02  # share of an interval, on a log scale, left out at its ends, where gains are not stable
 _WIDEST = 100.0  # largest ratio of the ends of an interval that is searched; smaller gains hardly control the wheel
 _JOINING = 8  # largest number of violating plants added at once
-_REMEDY_FACTORS = (
-    0.75,
-    0.5,
-    0.25,
-)  # factors on reference slip, or on dead time and lag, tried for an infeasible design
+_REMEDY_FACTORS = (0.75, 0.5, 0.25)  # on reference slip, or on dead time and lag, tried for an infeasible design
 _MANY = 100  # operating points above which the derivative time of a PID is searched only at the hardest
 _ENOUGH = 1e4  # N*m/(m/s), upper gain if nothing bounds it; large for any wheel
 _WORSE = 2  # number of successive integral times with worse results that ends the search of shorter ones
@@ -390,8 +385,9 @@ class StructureChoice:
     - structure: "pi" or "pi-lead".
     - reference_factor: factor on the envelope's reference slips.
     - design: the tuned controller with its judgement; None, with a `reason`, if no gains stabilise the loops.
-    - reach_s: time, s, in which the integral term builds up the torque for the reference slip at the highest speed.
-    - stop_s: time, s, of a stop from the envelope's initial speed with the adhesion of that operating point.
+    - reach_s: time, s, in which the integral term builds up the torque that holds the reference slip. It is the time at
+      the operating point of the highest speed where reach_s/stop_s is largest.
+    - stop_s: time, s, of a stop from the envelope's initial speed with the adhesion of this operating point.
     - adhesion_share: smallest ratio of the adhesion at the candidate's reference slip to that at the envelope's.
     - lead_filter: time constant of the lead's filter, s.
     """

@@ -212,8 +212,7 @@ class Judgement:
     def least(self, margin: str, *, largest: bool = False) -> tuple[float, Case]:
         """Smallest value of a margin over the operating points at speeds from `usable_from_kmh` up, and its case.
 
-        - margin: name of a margin of `Margins`.
-        - largest: whether to return the largest value instead.
+        `margin` is the name of a margin of `Margins`. If `largest`, return the largest value instead.
         """
         sign = -1.0 if largest else 1.0
         cases = np.flatnonzero(self._usable & self.points.operating)

@@ -22,7 +22,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes
 
-# Relative distance below which unstable poles count as one. Fewer conditions give a lower, still valid bound.
+# Relative distance below which unstable poles are replaced by one pole, which gives a lower, still valid bound.
 _DISTINCT = 1e-3
 _FASTEST = 300.0  # largest unstable pole times dead time; exp(2 x 300) is in the range of doubles
 # Default of the largest phase lag of the all-pass part: phase margin 45 deg at a slope of -1/2 ([Astrom2021] 14.3).
@@ -241,9 +241,6 @@ def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float)
     return StructureLimit(structure, math.degrees(most), float(omega[0]), max(peak, bound))
 
 
-# --- control effort: noise on the torque command, and the peak rate of the acting torque ------------------------------
-
-
 SAMPLING_PERIOD = 0.005  #: s; measurement noise is white up to the Nyquist frequency of this period, 628 rad/s
 
 _HORIZON = 20.0  # s, duration of the responses; the peak rates occur in the first seconds
@@ -281,8 +278,6 @@ def control_effort(
     - plant: linear system from commanded torque to -e, where e is the slip error, without the actuator's dead time.
     - dead_time, lag: dead time and lag of the actuator, s, >= 0.
     - sampling_period: sampling period of the noisy measurement, s, > 0.
-
-    InputError: an argument of wrong type or out of its range.
     """
     number("dead time", dead_time, "s", ge=0)
     number("lag", lag, "s", ge=0)

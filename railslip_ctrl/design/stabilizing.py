@@ -41,7 +41,7 @@ from .specification import family_margins
 
 _BITS = 80  # precision of ball arithmetic, bits
 _OUTWARD = 16.0  # factor by which the ends of the frequency band move outward until a bound holds beyond them
-_MOST_PARTS = 5_000  # largest number of parts of the frequency band
+_MOST_PARTS = 5_000  # largest number of intervals into which the frequency band is divided
 
 
 def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
@@ -128,10 +128,7 @@ class Region(ABC):
 
     @abstractmethod
     def contains(self, kp: float, ki: float) -> bool:
-        """Return True if (kp, ki) stabilises, by the exact root count; ki = 0 is P control.
-
-        InputError for a gain that is not finite.
-        """
+        """Return True if (kp, ki) stabilises; ki = 0 is P control. InputError for a gain that is not finite."""
 
     def certified_contains(self, kp: float, ki: float) -> bool:
         """Return True if ball arithmetic proves that (kp, ki) stabilises."""
@@ -234,10 +231,7 @@ class StabilizingRegion(Region):
 
     @cached_property
     def is_empty(self) -> bool:
-        """True if no gains stabilise.
-
-        If gains stabilise but `kp_range` is None, they have ki = 0 or a ki above a positive limit.
-        """
+        """True if no gains stabilise, neither with ki = 0 nor with any ki > 0."""
         return not self.p_intervals and self._island is None
 
     def ki_intervals(self, kp: float) -> Intervals:

@@ -183,7 +183,6 @@ class TunedCases:
 
     @property
     def asked(self) -> str:
-        """Aim of the tuning and specification, as text."""
         goal = "maximise ki" if self.ki_min is None else f"minimise Ms with ki >= {self.ki_min:g} N*m/m"
         return ", ".join(filter(None, [goal, self.specification.description]))
 
@@ -369,10 +368,7 @@ def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
     return float(1 / np.abs(loop(1j * omega)))
 
 
-# --- published tuning rules, for comparison; InputError for plants outside their range --------------------------------
-
-
-# Largest relative imaginary part of a root that counts as real; rounding of a triple root of a polynomial stays below.
+# Largest relative imaginary part of a real root, due to rounding; a triple root of a polynomial is below it.
 _REAL = 1e-3
 
 
@@ -402,7 +398,6 @@ class FirstOrderModel:
 
     @property
     def transfer_function(self) -> Rational:
-        """Transfer function without the dead time."""
         if self.kind is Kind.INTEGRATING:
             return Rational(np.array([]), np.array([0.0]), self.gain)
         sign = 1.0 if self.kind is Kind.UNSTABLE else -1.0

@@ -117,6 +117,7 @@ class Forbidden:
         return list(zip(starts[wide].tolist(), ends[wide].tolist(), strict=True))
 
     def _beyond_samples(self, ki: float, radius: Floats) -> tuple[Floats, Floats]:
+        # where |P| falls as 1/s^2, a kp beyond the last ellipse is inside an ellipse of a higher frequency
         last = self._last_of_double
         last = last[ki / self._omega[last] + np.abs(self._inverse.imag[last]) < radius[last]]
         kp = -self._inverse.real[last]
@@ -149,6 +150,7 @@ class Forbidden:
         return arcs
 
     def _crossover_ends(self, ki: float, specification: Specification) -> list[tuple[Floats, Floats]]:
+        # intervals of zero length divide a gap where the crossover leaves its range
         ends = [w for w in specification.crossover or () if 0 < w < np.inf]
         sizes = np.array([[1 / np.abs(r(np.array([w]))[0]), ki / w] for w in ends for r in self._responses])
         kp = _leg(*sizes.T) if ends else np.array([])
@@ -193,7 +195,7 @@ def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
 
 _BAND = 0.02, 0.25  # smallest and largest relative width of the first bands of ki
 _NEARLY_NO_KI = 1e-9  # largest ratio of the smallest ki, which stands for no integral action, to the largest ki
-_LIMITLESS = 0.1  # share of the largest ki above which ki counts as unbounded, without dead time
+_LIMITLESS = 0.1  # without dead time, a ki above this share of the largest ki means that nothing bounds ki
 _AROUND = 0.01  # relative distance in kp between the gap of the samples and the exact gap
 _AGREE = 1e-10  # tolerance of ln ki at the tip of a gap
 _MOST_LOOKS = 12  # largest number of refinements at a tip, each with 30 times denser frequencies
@@ -201,8 +203,8 @@ _FAR_UP, _FAR_DOWN = 4.0, 20.0  # largest steps of ln ki in the search for a bra
 _FINEST = 0.04  # relative width of a band of ki that is not divided further
 _LOOKS = 7  # number of kp in a gap for a coarse minimum
 _TOP = 2e-3  # relative tolerance of ki at which the bisection ends and exact margins are used
-_PIECES = 8  # pieces of a gap if there is a requirement on the crossover, because the crossover may jump in a gap
-_LARGEST_MS = 1e6  # largest Ms - 1; loops above it count as unstable
+_PIECES = 8  # number of intervals in a gap if the crossover is limited, because the crossover may jump in a gap
+_LARGEST_MS = 1e6  # largest Ms - 1 of the search
 _LEAST_MS = 1e-9  # smallest Ms - 1
 _TIGHTENINGS = 16  # bisections of a bound before exact margins are used
 _KP_TOLERANCE = 1e-8  # relative tolerance of kp at the optimum
@@ -254,9 +256,8 @@ class Family:
             low, high = specification.crossover
             at = margins.phase_frequency.reshape(shape)
             outside = np.fmax(at / high, low / at) - 1
-            misses = np.fmax(
-                misses, np.where(np.isnan(at), 1.0, outside)
-            )  # a loop without crossover violates the range
+            # a loop without crossover violates the range
+            misses = np.fmax(misses, np.where(np.isnan(at), 1.0, outside))
         return np.asarray(np.where(margins.stable.reshape(shape), misses, np.inf).max(axis=1))
 
     def meets(self, kp: Floats, ki: float, specification: Specification) -> Flags:
@@ -319,6 +320,7 @@ def _joined(gaps: list[Interval]) -> list[Interval]:
 
 
 def _inside(low: float, high: float) -> float:
+    # a small magnitude makes the root count cheaper
     if low * high > 0:
         return math.copysign(math.sqrt(low * high), low)
     return 0.5 * (high if low == 0 or (high != 0 and high < -low) else low)
