@@ -415,7 +415,7 @@ class Decomposition:
         return 1 + self.derivative_time / lag, self.derivative_gain / lag
 
     def gain_at_infinity(self, kp: float) -> float:
-        """Return L(infinity)."""
+        """Return the open loop L at infinite frequency."""
         shape, fixed = self._ends
         return self.plant.feedthrough * (kp * shape + fixed)
 

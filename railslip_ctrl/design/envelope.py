@@ -164,7 +164,7 @@ class Envelope(Record):
     def law_speed(self) -> float:
         """Speed v0 of the published laws, km/h: the initial speed.
 
-        If the initial speed is the vehicle's speed limit, it is limited to the speeds for which the laws are valid.
+        An initial speed equal to the vehicle's speed limit is limited to the speeds for which the laws are valid.
         """
         low, high = INITIAL_SPEED_RANGE_KMH
         limit = self.vehicle.speed_limit
@@ -215,10 +215,7 @@ class Envelope(Record):
         return _points(self, nominal, held)
 
     def knife_edges(self) -> tuple[str, ...]:
-        """Return a warning for each law and rail whose reference slip is within 5 % of the adhesion peak at some speed.
-
-        At the peak the slip pole changes its sign, so that small changes of slip have a large effect on margins.
-        """
+        """Return a warning for each law and rail whose reference slip is within 5 % of an adhesion peak."""
         warnings: dict[str, str] = {}
         for rail, law, _, load in _laws(self):
             slip = _reference(self, law, rail)

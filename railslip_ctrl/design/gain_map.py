@@ -184,7 +184,7 @@ class Screen:
 
     - omega: frequencies, rad/s, (m,).
     - responses: frequency responses of brake and wheel, (n, m).
-    - right: number of poles of brake and wheel with positive real part, (n,); a pole at 0 counts as half.
+    - right: number of poles of brake and wheel with positive real part, plus half the number of poles at 0, (n,).
     - speeds: train speeds, km/h, (n,).
     - poles: largest real part of the poles of each plant, 1/s, (n,).
     """
@@ -213,8 +213,7 @@ class Screen:
     def hardest(self, system: Any, from_kmh: float = 0.0) -> int:
         """Return the index of the plant with the largest Ms, or of the fastest unstable one.
 
-        - system: continuous linear controller.
-        - from_kmh: lowest speed that is searched, km/h.
+        Only plants at or above `from_kmh`, km/h, are searched.
         """
         c = controller_system(system)
         with np.errstate(all="ignore"):
