@@ -1,4 +1,4 @@
-"""Stability assessment of one wheel-slip loop at one operating point, for the reports."""
+"""Assess one wheel-slip loop at one operating point: margins, limits and verdict."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ class Assessment:
     - margins: margins of the loop; None if it is unstable.
     - pade: margins with Pade approximations of the dead time, order 1 to 5.
     - verdict: the worse of the verdicts on `loop` and `as_run`.
-    - as_run: loop of a continuous controller after it is sampled at its period; None if the controller has no period,
-      or one so short that sampling makes no difference.
+    - as_run: loop of a continuous controller sampled at its period; None without a period, or if the period is so short
+      that sampling makes no difference.
     - sampled: margins of `as_run`; None without `as_run`, or if that loop is unstable.
     """
 
@@ -92,7 +92,7 @@ class Assessment:
 
     @property
     def stable(self) -> bool:
-        """True if `loop`, and the sampled loop `as_run` if it is not None, are stable."""
+        """True if `loop` is stable, and `as_run` too if there is one."""
         return self.margins is not None and (self.as_run is None or self.sampled is not None)
 
     @property
@@ -148,11 +148,8 @@ def slip_responses(
 ) -> tuple[TimeResponse, TimeResponse]:
     """Return the responses of the slip velocity, m/s, to a step of its reference and to a step of torque at the wheel.
 
-    - controller, plant, actuator: parts of the loop, as for `assess`.
-    - times: times of the responses, s.
-    - reference, torque: sizes of the steps, m/s and N*m.
-
-    Errors are those of `closed_loop_response`.
+    `plant`, `controller` and `actuator` are those of `assess`. `times` is in s. `reference`, m/s, and `torque`, N*m,
+    are the sizes of the steps.
     """
     lag = np.array([-1 / actuator.lag] if actuator.lag > 0 else [], dtype=complex)
     brake = Rational(lag[:0], lag, 1 / (actuator.lag or 1.0))
@@ -168,7 +165,7 @@ def slip_responses(
 
 
 def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
-    """Return the limits that plant and actuator set for any controller; see `design.limits`."""
+    """Return the limits that plant and actuator set for any controller."""
     return fundamental_limits(actuated_plant(plant, actuator), actuator.dead_time, lag=actuator.lag)
 
 
@@ -177,13 +174,12 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     """Assess the loop of a linear plant, a controller and an actuator with exact dead time.
 
     - plant: the wheel, from `linearize`.
-    - controller: linear system from slip error (m/s) to torque at the wheel (N*m): a `PIController`, a python-control
-      system, continuous or discrete, or any other argument of `controllers.systems.linear_controller`.
+    - controller: linear system from slip error (m/s) to torque at the wheel (N*m): any argument of
+      `controllers.systems.linear_controller`.
     - actuator: dead time and lag between commanded and acting torque.
     - label: name of the controller in reports; by default its structure.
 
-    Returns limits, the six rightmost closed-loop poles (1/s, 1-D), margins (None for an unstable loop), Pade rows and
-    verdict. InputError: an argument of wrong type.
+    InputError: an argument of wrong type.
     """
     controller = getattr(controller, "controller", controller)  # a design contains its controller
     if isinstance(controller, Controller):
@@ -211,11 +207,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
 
 
 def _rightmost_poles(loop: Any) -> Complexes:
-    """Return up to six rightmost closed-loop poles, 1/s; fewer if the root count does not confirm all of them.
-
-    A controller with delays has an empty result. Poles z of a loop with sampling period h are returned as s = ln(z)/h,
-    without z = 0.
-    """
+    """Return up to six rightmost closed-loop poles, 1/s; fewer if the root count does not confirm all of them."""
     if isinstance(loop, SampledLoop):
         z = loop.closed_loop_poles(_POLES)
         return np.asarray(np.log(z[z != 0]) / loop.period)
@@ -228,7 +220,6 @@ def _rightmost_poles(loop: Any) -> Complexes:
 
 
 def _verdict(margins: Sequence[Margins | None], controller: Any) -> Verdict:
-    """Return the verdict on loops from their margins; the margins of an unstable loop are None."""
     stable = [m for m in margins if m is not None]
     if len(stable) < len(margins):
         return Verdict.UNSTABLE
@@ -240,9 +231,6 @@ def _verdict(margins: Sequence[Margins | None], controller: Any) -> Verdict:
 def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:
     approximate = loop.pade(order)
     return PadeRow(order, approximate.margins() if approximate.is_stable() else None)
-
-
-# --- loops of one controller under one title --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -272,7 +260,7 @@ def published_groups(points: Sequence[OperatingPoint]) -> tuple[ControllerGroup,
 
 
 def controller_group(title: str, assessments: tuple[Assessment, ...]) -> ControllerGroup:
-    """Return assessed loops as a group; the band of their frequency responses contains poles and crossovers of all."""
+    """Return assessed loops as a group, with frequency responses over one band for all of them."""
     bands = [a.loop.feature_band() for a in assessments]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
     return ControllerGroup(title, assessments, tuple(frequency_curve(a.loop, low, high) for a in assessments))

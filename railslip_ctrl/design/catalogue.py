@@ -1,10 +1,7 @@
 """Controllers by name for a vehicle: those of [Park2008] Table 4, and this project's own.
 
-The project's own controllers hold the reference slip without using the adhesion curve. `design.tuning` found their
-gains over `design_points`: the largest ki with Ms <= `MS_MAX` and a lead that cancels the brake's lag. The gains of the
-published vehicle are stored here for the inertia scales 1 (SI) and 3.6 (as published), and a test tunes them again. The
-gains of any other vehicle are tuned on request. By default every controller is sampled at each step of the scenario,
-because [Park2008] states no sampling period. All controllers use the backward difference.
+This project's PI-lead and gain schedule are tuned for the largest ki with Ms <= `MS_MAX`. Their gains are stored for
+the published vehicle and are tuned on request for any other.
 """
 
 from __future__ import annotations
@@ -64,18 +61,17 @@ def published_controller(
 ) -> PI | Sliding:
     """Return a controller of [Park2008] Table 4, in SI.
 
-    The gains are read in the units with which the results of Table 5 are reproduced, and converted to SI. The PI has no
-    torque limits and no anti-windup. The ASMC is law (45) of [Park2008]: the terms with D and K are torques, rho is in
-    1/s, the adhesion torque Ta follows from the plant's adhesion law at the measured slip, and the nominal mass Mn is
-    that of the empty vehicle.
+    The gains are converted from the units with which the results of Table 5 are reproduced. The PI has no torque limits
+    and no anti-windup. The ASMC is law (45) of [Park2008] with D and K as torques and rho in 1/s. It uses the plant's
+    adhesion law at the measured slip and the mass of the empty vehicle.
 
     - kind: {"pi", "asmc"}
     - column: {"beam", "bristle"}; column of Table 4 with gains and reference slip (beam 0.119 dry, 0.059 wet; bristle
       0.132, 0.092).
-    - knows_rail: for the ASMC, whether the rail condition in its adhesion model changes with the true one. The
-      reference slip always changes with the rail.
-    - adaptive: for the ASMC, whether to adapt with the gain k = 2.1e-8 of Table 4. Its unit has km/h, so that the SI
-      gains of the two parameters are k1 = k and k2 = 3.6^2 k. By default the parameters are constant.
+    - knows_rail: whether the adhesion model of the ASMC changes with the rail condition. The reference slip always
+      does.
+    - adaptive: whether the ASMC adapts two parameters of its adhesion model. The gain k = 2.1e-8 of Table 4 is in units
+      with km/h; the SI gains are k1 = k and k2 = 3.6^2 k.
     - reference: reference slip; by default that of the column.
     - period: sampling period, s; by default every step of the scenario.
 
@@ -110,17 +106,11 @@ def published_reference(column: Column) -> ReferenceSlip:
     return reference
 
 
-# --- this project's own -----------------------------------------------------------------------------------------------
-
-
 MS_MAX = 2.0  #: largest Ms the designs are tuned for: the upper end of the reasonable range of [Astrom1998]
 LEAD, LEAD_FILTER = 0.6, 0.06  #: s, lead and lead filter for the published brake; see `lead_of`
 
 INITIAL_SHARE = 0.12
-"""Initial torque of `recommended_pi_lead`, relative to wheel load times radius.
-
-It is below the adhesion peak of the wet rail of [Park2008], 0.153, so that both rails can transmit it.
-"""
+"""Initial torque of `recommended_pi_lead` over wheel load times radius; the peak on wet rail is 0.153 ([Park2008])."""
 
 SPEEDS_KMH = (20.0, 60.0, 100.0)
 _SCHEDULE_SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
@@ -154,15 +144,11 @@ def recommended_pi_lead(
     reference: ReferenceSlip | None = None,
     period: float | None = None,
 ) -> PI:
-    """Return a PI-lead with anti-windup, which stops earlier than every controller of [Park2008] Table 5.
+    """Return a PI-lead with anti-windup, whose lead cancels the brake's lag.
 
-    For the vehicle as published (default): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`. This
-    PI-lead, which does not use the adhesion curve, stops in about 547 m and 47.6 s with a mean slip error of 0.017. The
-    best controller of Table 5 stops in 581 m and 50.7 s with a mean slip error of 0.027.
-
-    - vehicle: quarter car, by default the published one. For another vehicle the lead cancels the lag of its brake, and
-      the gains are tuned, which takes some seconds.
-    - gains: gains in place of the stored or tuned ones; the lead still follows from the vehicle's brake.
+    - vehicle: quarter car; by default the published one in the as-published reading, with kp 1210 N*m/(m/s) and ki 1220
+      N*m/m. For a vehicle without stored gains they are tuned, which takes some seconds.
+    - gains: gains in place of the stored or tuned ones.
     - reference: reference slip; by default that of the bristle column of Table 4, 0.132 dry and 0.092 wet.
     - period: sampling period, s; by default every step of the scenario.
 
@@ -191,10 +177,7 @@ def recommended_pi_lead(
 def recommended_schedule(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
 ) -> Scheduled:
-    """Return a PI-lead with gains over speed and rail, tuned with the static adhesion law `curve`.
-
-    - vehicle, reference, period: as in `recommended_pi_lead`.
-    """
+    """Return a PI-lead with gains over speed and rail, tuned with the law `curve`; see `recommended_pi_lead`."""
     car = published_vehicle() if vehicle is None else vehicle
     return Scheduled.for_vehicle(
         car,
@@ -206,7 +189,7 @@ def recommended_schedule(
 
 
 def published_vehicle() -> Vehicle:
-    """Return the published quarter car in the as-published reading."""
+    """Return the quarter car of [Park2008] with M, J and B times 3.6 (as published)."""
     return PARK2008.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
 
 
@@ -217,7 +200,7 @@ def is_published(vehicle: Vehicle) -> bool:
 
 
 def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = None) -> bool:
-    """Return True if the controller `name` must be tuned for a vehicle: no gains are stored, and `gains` is None."""
+    """Return True if `gains` is None and no gains of the controller `name` are stored for the vehicle."""
     stored = {"pi-lead": _PI_LEAD.keys(), "scheduled": _SCHEDULES.keys()}.get(name)
     return stored is not None and gains is None and not (is_published(vehicle) and vehicle.inertia_scale in stored)
 
@@ -225,8 +208,7 @@ def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = Non
 def lead_of(vehicle: Vehicle) -> tuple[float, float]:
     """Return the time constants, s, of the lead of `recommended_pi_lead` and of its filter.
 
-    The lead is equal to the brake's lag and cancels it. For the published vehicle the two time constants are 0.6 and
-    0.06 s, whatever its brake. For another vehicle with a brake without lag both are 0.
+    They are the brake's lag and a tenth of it; for the published vehicle with any brake, 0.6 and 0.06 s.
     """
     lag = vehicle.actuator.lag
     return (LEAD, LEAD_FILTER) if is_published(vehicle) else (lag, lag / 10.0)
@@ -246,8 +228,7 @@ def design_points(vehicle: Vehicle) -> list[LinearPlant]:
 def margins_over_points(control: PI | Scheduled, vehicle: Vehicle | None = None) -> BatchMargins:
     """Return the exact margins of a linear controller at each of the `design_points` of a vehicle, in their order.
 
-    - control: controller; a scheduled controller is used with its gains at each point.
-    - vehicle: quarter car; by default the published one in the as-published reading.
+    A scheduled controller has its gains at each point. The default vehicle is `published_vehicle`.
     """
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)
@@ -255,7 +236,6 @@ def margins_over_points(control: PI | Scheduled, vehicle: Vehicle | None = None)
 
 
 def _tuned_gains(vehicle: Vehicle) -> PIGains:
-    """Tune the gains of `recommended_pi_lead` for a vehicle without stored gains."""
     (lead, lead_filter), plants = lead_of(vehicle), design_points(vehicle)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
     systems = [actuated_plant(plant, vehicle.actuator) for plant in plants]
@@ -268,7 +248,6 @@ def _tuned_gains(vehicle: Vehicle) -> PIGains:
 
 
 def _schedule(vehicle: Vehicle) -> GainSchedule:
-    """Return the gains of `recommended_schedule`: the stored gains, or gains tuned for the vehicle."""
     if is_tuned_when_asked("scheduled", vehicle):
         lead, lead_filter = lead_of(vehicle)
         return schedule_gains(
@@ -287,12 +266,7 @@ def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, ref
     """Return the first controller of a kind, from which the user continues a design by hand.
 
     The kind's rule sets the parameters. For a PI this is the SIMC rule, [Skogestad2003] Table 1, for the integrating
-    plant (r/J)/s with dead time; the time constant of a lead is the brake's lag.
-
-    - kind: class of the controller.
-    - at: plants to be controlled. If it is a linear controller instead, this controller is returned as a ratio of
-      polynomials.
-    - reference: reference slips.
+    plant (r/J)/s with dead time. If `at` is a linear controller, it is returned as a ratio of polynomials.
 
     InfeasibleDesignError or InputError if the rule gives no controller for the vehicle.
     """
@@ -311,9 +285,6 @@ def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, ref
     system = PIController(gains, lead, FILTER_RATIO * lead)
     control = braking_control(system, points, reference, name=pi_kind.kind, kind=pi_kind)
     return begun(kind, control, reference) if kind is TransferFunction else control
-
-
-# --- by name ----------------------------------------------------------------------------------------------------------
 
 
 BY_RULE: Mapping[str, type[Controller]] = MappingProxyType(
@@ -342,8 +313,8 @@ def tracked_reference(
     """Return the reference slips of a controller of `NAMES`; None if it tracks no reference slip.
 
     The reference slip is `slip` if given, else that of the `column` of [Park2008] Table 4, else that of the adhesion
-    law. InputError if there is none of these, or if the controller does not use an argument. Messages put `dashes`
-    before the names of arguments.
+    law. InputError if there is none, or if the controller does not use an argument; messages put `dashes` before
+    argument names.
     """
     if not _tracks_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):
@@ -376,11 +347,10 @@ def controller_named(
 ) -> Controller:
     """Return a controller of `NAMES` for a vehicle, with gains for the empty vehicle.
 
-    - name: "pi" or "asmc" for a controller of [Park2008] Table 4 (see `published_controller`); every other name is that
-      of a controller of this project.
+    - name: "pi" or "asmc" is a controller of [Park2008] Table 4; the others are this project's own.
     - vehicle: quarter car to control.
     - column: {"beam", "bristle"}; column of Table 4 for the gains of "pi" and "asmc", and for every reference slip.
-    - gains: gains for "pi" or "pi-lead", in place of those of the table or of this project.
+    - gains: gains for "pi" or "pi-lead", in place of the usual ones.
     - reference: reference slip in place of the column's. A controller that tracks no reference slip uses it only to
       state the slip error.
     - knows_rail, adaptive, period: as in `published_controller`.

@@ -1,11 +1,9 @@
-"""Dead-time compensators with their exact loops: Smith predictors and the predictor-observer.
+"""Dead-time compensators with exact loops: Smith predictors and an observer with prediction.
 
-All compensators control the plant G(s) exp(-tau s) with e = r - y, u = C(s) e. G = N/D is the plant without dead time,
-from commanded torque, N*m, to -e, m/s, and q = exp(-tau s). C0 = N0/D0 is the controller inside a Smith predictor.
-Plants and controllers are python-control systems or `Rational`. Each loop L is a ratio of quasi-polynomials. The sum of
-its numerator and denominator is the characteristic function of plant and controller, and includes modes that cancel in
-L (hidden modes). The margins are exact. They are tolerances for changes of the true plant while the model in the
-controller remains unchanged.
+They control the plant G(s) exp(-tau s) from commanded torque, N*m, to -e, m/s, where e is the slip error, G = N/D and q
+= exp(-tau s). C0 = N0/D0 is the controller inside a Smith predictor. A loop is unstable also if an unstable mode
+cancels in L (a hidden mode). The margins are tolerances for changes of the true plant while the model in the controller
+remains unchanged.
 """
 
 from __future__ import annotations
@@ -28,8 +26,7 @@ _LARGEST_CONDITION = 1e12  # largest condition number of a controllability matri
 class Compensator:
     """Dead-time compensator C(s), N*m/(m/s), with its loop L = C G exp(-tau s).
 
-    If C contains a finite-time integral, numerator and denominator of C have common zeros, which are not cancelled.
-    `hidden_unstable_poles` are closed-loop poles, 1/s, with real part >= 0 that cancel in L; no gain moves them.
+    `hidden_unstable_poles` are closed-loop poles, 1/s, with real part >= 0 that cancel in L.
     """
 
     structure: str
@@ -43,7 +40,7 @@ class Compensator:
 
     @property
     def reason(self) -> str:
-        """Reason for instability by hidden modes; empty without unstable hidden modes."""
+        """Reason for instability by hidden modes; empty if there is none."""
         if not self.hidden_unstable_poles:
             return ""
         one = len(self.hidden_unstable_poles) == 1
@@ -56,7 +53,7 @@ class Compensator:
         )
 
     def margins(self) -> Margins:
-        """Return the exact margins; UnstableLoopError, with the reason, if the loop is not stable."""
+        """Return the exact margins; UnstableLoopError if the loop is not stable."""
         if self.hidden_unstable_poles:
             raise UnstableLoopError(
                 f"margins are not defined: {self.reason}",
@@ -73,9 +70,8 @@ def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensato
     - dead_time: tau, s, >= 0.
     - controller: C0, designed for the plant without dead time.
 
-    With an unstable plant the loop is unstable for every C0: C has a zero at each plant pole, so that the plant poles
-    are roots of the characteristic function D (D0 D + N0 N). The property `reason` of the result then says so.
-    InputError if C0 G is not strictly proper.
+    With an unstable plant the loop is unstable for every C0, because unstable plant poles are hidden modes. InputError
+    if C0 G is not strictly proper.
     """
     plant, controller = Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)
@@ -94,10 +90,9 @@ def filtered_smith_predictor(
     """Return the filtered Smith predictor ([NormeyRico2009]): C = C0 F/(1 + C0 G (1 - F q)).
 
     F(s) = (1 + b_1 s + ... + b_m s^m)/(filter_time s + 1)^(m + roll_off), where m is the number of unstable plant poles
-    p_i. The coefficients b_i are chosen such that F(p_i) = exp(p_i tau). G (1 - F q) then has no unstable pole: it is
-    realised as a finite-time integral, and the loop has no unstable hidden mode. If the model in the controller is
-    exact, the complementary sensitivity is F q N0 N/(D0 D + N0 N). The closed-loop poles are then those of the loop
-    with C0 and G, those of F, and the stable poles of G.
+    p_i. The b_i are chosen such that F(p_i) = exp(p_i tau). G (1 - F q) then has no unstable pole, and the loop no
+    unstable hidden mode. If the model in the controller is exact, the closed-loop poles are those of the loop with C0
+    and G, those of F, and the stable poles of G.
 
     - plant: G, the plant without dead time.
     - dead_time: tau, s, >= 0.
@@ -123,7 +118,6 @@ def filtered_smith_predictor(
 
 
 def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, roll_off: int) -> tuple[Floats, Floats]:
-    """Return numerator and denominator of F in descending powers; F(0) = 1, F(p) = exp(p tau) at unstable poles p."""
     unstable = poles[poles.real >= 0]
     apart = np.abs(unstable[:, None] - unstable)
     np.fill_diagonal(apart, np.inf)
@@ -144,23 +138,18 @@ def observer_compensator(
 ) -> Compensator:
     """Return state feedback with an observer, prediction over the dead time, and integral action.
 
-    The plant without dead time is x' = A x + B u, y = C x. An observer with gain Lo estimates the state:
-    x^' = A x^ + B u(t - tau) + Lo (y - C x^). The state is predicted exactly over the dead time tau
-    ([ManitiusOlbrot1979], [Artstein1982]):
-
-        x^(t + tau) = exp(A tau) x^(t) + integral over 0..tau of exp(A s) B u(t - s) ds.
-
-    The integral of y is predicted in the same way. The control is u(t) = -K times the predicted vector of x and the
-    integral of y. The closed loop has exactly the poles `feedback_poles` and `observer_poles`.
+    The plant without dead time is x' = A x + B u, y = C x. An observer with gain Lo estimates the state: x^' = A x^ + B
+    u(t - tau) + Lo (y - C x^). The state and the integral of y are predicted exactly over the dead time tau
+    ([ManitiusOlbrot1979], [Artstein1982]). The control u is -K times the predicted vector. The closed loop has exactly
+    the poles `feedback_poles` and `observer_poles`.
 
     - plant: plant of order n without dead time.
     - dead_time: tau, s, >= 0.
     - feedback_poles: n + 1 poles of the plant and the integrator with state feedback, 1/s.
     - observer_poles: n poles of the observer, 1/s.
 
-    The poles have negative real parts and are real or in conjugate pairs. InputError for other poles, or for a plant
-    that is not strictly proper, has a pole equal to a zero (not reachable), or has a zero at the origin, with which
-    integral action is impossible.
+    InputError for poles that are not in the left half plane or not in conjugate pairs, or for a plant that is not
+    strictly proper, has a pole equal to a zero, or has a zero at the origin.
     """
     plant = Rational.from_control(plant, "plant")
     n = plant.poles.size
@@ -199,7 +188,6 @@ def observer_compensator(
 
 
 def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return N, D, N0, D0 of G = N/D, C0 = N0/D0, in descending powers; InputError if C0 G is not strictly proper."""
     number("dead time", dead_time, "s", ge=0)
     if plant.relative_degree + controller.relative_degree < 1:
         raise InputError("Smith predictor: controller and plant together are not strictly proper; add a lag")
@@ -221,10 +209,7 @@ def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
 
 
 def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
-    """Return the feedback row k with which the matrix a - b k has the eigenvalues `poles`, by Ackermann's formula.
-
-    SciPy's `place_poles` rejects repeated poles, and python-control's `place_acker` fails for bad scaling.
-    """
+    # Ackermann's formula: SciPy's `place_poles` rejects repeated poles, and `place_acker` fails for bad scaling
     n = a.shape[0]
     reach = np.hstack([np.linalg.matrix_power(a, i) @ b for i in range(n)])
     scale = np.abs(reach).max(axis=0)
@@ -239,5 +224,5 @@ def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
 
 
 def _adjugate_form(matrix: Floats, column: Floats, row: Floats) -> Floats:
-    """Return the polynomial row * adj(s I - matrix) * column, of degree n - 1, in descending powers of s."""
+    """Return the polynomial row * adj(s I - matrix) * column in descending powers of s."""
     return np.asarray(np.real(np.poly(matrix - column @ row) - np.poly(matrix))[1:])

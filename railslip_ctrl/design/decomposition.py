@@ -6,29 +6,17 @@ With R(s) = exp(tau s)/P(s) + B(s), the closed loop has a pole at s = j omega if
 
     R(j omega) + kp A(j omega) + ki/(j omega) = 0.
 
-These are two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). They define a curve in
-the (kp, ki) plane. This curve and the line ki = 0 (a pole at the origin) divide the plane into cells. In each cell the
-number of unstable poles is constant ([Gryazina2008]).
+These are two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). This curve and the line
+ki = 0 (a pole at the origin) divide the (kp, ki) plane into cells. In each cell the number of unstable poles is
+constant ([Gryazina2008]).
 
-Two kinds of points of the curve are needed. Where the curve meets ki = 0, R/A is real. Where kp(omega) has a turning
-point, the derivative of R/Re A with respect to s is real (Re A is extended to a rational function of s).
-`real_frequencies` finds all these frequencies without a grid. Between turning points kp(omega) is monotone and has each
-value at most once.
-
-With dead time the curve has infinitely many branches, of which only finitely many can bound a stable cell. A bound
-follows from the argument of the characteristic function (`loop.stability`), which is the sum of three parts:
-
-- the angles of n poles and m zeros of the plant and of two poles and two zeros of the controller; each angle turns by
-  at most pi
-- a principal value that changes by at most pi between gain crossovers; there are at most n + 2 gain crossovers
-- -tau omega wherever |L| > 1
-
-Therefore the loop has unstable poles if
+With dead time the curve has infinitely many branches, of which only finitely many can bound a stable cell. The argument
+of the characteristic function turns by -tau omega wherever |L| > 1. The n poles and m zeros of the plant, those of the
+controller and at most n + 2 gain crossovers can balance only a finite turn. Therefore the loop has unstable poles if
 
     tau * measure of {omega > 0: |L(j omega)| > 1} >= pi (2 n + m + 7).
 
-With |C| >= |kp| - |B| this inequality bounds kp. With |C| >= ki/omega - |kp A + B|, or |C| >= ki/omega for a PI, it
-bounds ki.
+With |C| >= |kp| - |B| this inequality bounds kp. With |C| >= ki/omega - |kp A + B| it bounds ki.
 """
 
 from __future__ import annotations
@@ -51,29 +39,24 @@ from railslip_ctrl.loop.crossings import Response, bracketed_roots
 from railslip_ctrl.loop.rational import Axis, angle_sum, fraction, positive_square_roots, rounded_roots
 from railslip_ctrl.loop.stability import RootCount
 
-# --- real values on the axis ------------------------------------------------------------------------------------------
-#
 # Let F and G be polynomials, phi = tau omega + arg F and kappa = Im G/|F|. F(s) exp(tau s) + G(s) is real on
 # s = j omega if sin phi = -kappa: phi + asin kappa is an even multiple of pi, or phi - asin kappa an odd one. No grid
 # is needed: the frequencies with |kappa| = 1 and the turning points of either angle are roots of polynomials in x =
-# omega^2, isolated with certainty. Between two neighbouring ones of these frequencies both angles are monotone, so that
+# omega^2, isolated with certainty. Between two neighbours among these frequencies both angles are monotone, so that
 # the angles at both ends give the number of frequencies between them at which the function is real.
 
 _BITS = 128  # precision of the isolated roots, bits
-_STEP_OUT = 16.0  # ratio of trial frequencies that replace an end at 0 or infinity until the sign is that of the end
+_STEP_OUT = 16.0  # ratio of successive trial frequencies near an end at 0 or infinity
 _MOST_STEPS = 250  # largest number of trial ends
-_NOTHING = 1e-80  # |kappa| below this, near omega = 0, counts as its limit 0; the angle is then a multiple of pi
+_NOTHING = 1e-80  # smaller |kappa|, near omega = 0, is replaced by its limit 0; the angle is then a multiple of pi
 
 
 def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, highest: float) -> Floats:
     """Return all frequencies omega, rad/s, at which F(s) exp(tau s) + G(s) is real for s = j omega.
 
-    - factor: polynomial F, not 0; frequencies at which F is 0 are left out.
-    - other: polynomial G; Im G must not change its sign over omega > 0.
-    - dead_time: tau, s.
-    - highest: upper end of the search, rad/s, excluded; finite unless `dead_time` is 0.
-
-    The result is empty if the function is real at every frequency.
+    `factor` is the polynomial F, not 0, and `other` the polynomial G; Im G must not change its sign over omega > 0. The
+    search ends at `highest`, rad/s, which may be infinite without dead time. Roots of F are left out. The result is
+    empty if the function is real at every frequency.
     """
     if dead_time == 0:
         factor, other = factor + other, fmpq_poly([0])
@@ -115,7 +98,7 @@ def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]
 def monotone_roots(
     function: Callable[[Floats, NDArray[np.intp]], Floats], low: Floats, high: Floats, side: Floats
 ) -> Floats:
-    """Return one root of each of several functions that are monotone from `low` to `high`; see `bracketed_roots`.
+    """Return one root of each of several functions that are monotone from `low` to `high`.
 
     `low` may be 0 and `high` infinite. `side` is the sign of each function at `low`; at `high` the sign is opposite.
     """
@@ -135,16 +118,12 @@ def monotone_roots(
 
 
 def _between(low: Floats, high: Floats) -> Floats:
-    """Return a frequency inside each interval, whose ends may be 0 and infinity."""
     top = np.where(np.isinf(high), np.maximum(low, 1.0) * _STEP_OUT, high)
     return np.where(low == 0, top / _STEP_OUT, low + 0.5 * (top - low))
 
 
 class _Angles:
-    """Angles phi + asin kappa and phi - asin kappa of F and G: turning points, and values in half turns.
-
-    phi = tau omega + arg F and kappa = Im G/|F| at s = j omega.
-    """
+    """Angles phi + asin kappa and phi - asin kappa of F and G, in half turns, and their turning points."""
 
     def __init__(self, factor: fmpq_poly, other: fmpq_poly, dead_time: float) -> None:
         self._dead_time = dead_time
@@ -157,25 +136,21 @@ class _Angles:
         self.on_axis = np.unique(self._roots.imag[(self._roots.real == 0) & (self._roots.imag > 0)])
 
     def ends(self) -> Floats:
-        """Return the frequencies, rad/s, at which |kappa| = 1; each is an end of an interval with |kappa| < 1."""
         if self._other == 0:
             return np.array([])
         return _frequencies(self._gap)
 
     @property
     def _gap(self) -> fmpq_poly:
-        """Polynomial |F|^2 - (Im G)^2 in omega^2, 0 where |kappa| = 1."""
         return self._axis.power - fmpq_poly([0, 1]) * self._other**2
 
     def turns(self) -> Floats:
-        """Return the turning points, rad/s, of phi + asin kappa and phi - asin kappa."""
         power, g, x = self._axis.power, self._other, fmpq_poly([0, 1])
         speed = fraction(self._dead_time) * power + self._axis.turning
         bend = (g + 2 * x * g.derivative()) * power - x * g * power.derivative()
         return _frequencies((speed**2 * self._gap - bend**2) // power)
 
     def log_ratio(self, omega: Floats) -> Floats:
-        """Return ln|kappa| at frequencies, rad/s."""
         if self._other == 0:
             return np.full(omega.shape, -np.inf)
         with np.errstate(divide="ignore"):
@@ -186,7 +161,7 @@ class _Angles:
     def half_turns(self, omega: Floats, side: int, ends: Floats | None = None) -> Floats:
         """Return (phi + asin kappa)/pi for `side` 0, (phi - asin kappa)/pi for `side` 1.
 
-        `omega` may be 0 or infinite. At the frequencies `ends` |kappa| is set to 1, without rounding errors.
+        `omega` may be 0 or infinite. At the frequencies `ends` |kappa| is 1.
         """
         inner = np.clip(omega, 1e-100, 1e100)
         phase = angle_sum(self._roots, inner) / np.pi + self._turned + self._dead_time * inner / np.pi
@@ -204,12 +179,8 @@ class _Angles:
 
 
 def _frequencies(polynomial: fmpq_poly) -> Floats:
-    """Return the frequencies omega > 0, rad/s, at which a polynomial in omega^2 is 0."""
     with ctx.workprec(_BITS):
         return np.array([float(omega.mid()) for omega, _ in positive_square_roots(polynomial)])
-
-
-# --- sets of a gain as ascending open intervals -----------------------------------------------------------------------
 
 
 Interval = tuple[float, float]
@@ -224,11 +195,6 @@ def stable_intervals(
     """Return the intervals between critical gains in which no closed-loop pole is unstable.
 
     `count` counts the unstable poles at a gain, `scale` is a typical gain. If `signed`, gains may be negative.
-
-    As the gain rises, the number of unstable poles can fall only at critical gains marked leftward, by at most 2 at
-    each; at all others it rises. Therefore an interval with n unstable poles is followed by at least (n + 1)//2
-    leftward gains before the next stable interval, and a stable interval by at least one. Intervals before these gains
-    are skipped without a count.
     """
     limit = critical.complete_to
     edges = [-limit if signed else 0.0, *critical.values.tolist(), limit]
@@ -246,6 +212,7 @@ def stable_intervals(
             if found and found[-1][1] == low and count(low).stable:
                 low = found.pop()[0]
             found.append((low, high))
+        # the number of unstable poles can fall only at leftward gains, by at most 2 at each
         unknown = inside.marginal or not math.isfinite(inside.right)
         needed = 0 if unknown else max(1, (int(inside.right) + 1) // 2)
         ahead = leftward[leftward > i]
@@ -280,20 +247,17 @@ def common_intervals(families: Sequence[Intervals]) -> Intervals:
     return common
 
 
-# --- the decomposition ------------------------------------------------------------------------------------------------
-
-
 _S = fmpq_poly([0, 1])
 _MOST_TURNED = 1e6  # rad, largest phase of the dead time at the highest relevant frequency
-_SURELY_FALLING = 1e-9  # relative slope below which the direction of a crossing counts as unknown
+_SURELY_FALLING = 1e-9  # relative slope below which rounding may change the direction of a crossing
 
 
 @dataclass(frozen=True)
 class CriticalGains:
     """Values of one gain at which closed-loop poles are on the imaginary axis, ascending.
 
-    No gain with magnitude above `complete_to` stabilises; `complete_to` is inf without dead time. `leftward` marks the
-    values at which poles may move to the left as the gain rises; at all others a pair of poles moves to the right.
+    As the gain rises, poles may move to the left at the values marked `leftward`; at all others a pair moves to the
+    right. No gain with magnitude above `complete_to` stabilises.
     """
 
     values: Floats
@@ -302,7 +266,7 @@ class CriticalGains:
 
     @classmethod
     def within(cls, low: float, high: float, values: Floats, leftward: Flags) -> CriticalGains:
-        """Return the `values` between `low` and `high`, sorted, as critical gains with `high` as `complete_to`."""
+        """Return the `values` between `low` and `high`, sorted, as critical gains."""
         inside = np.flatnonzero((values > low) & (values < high))
         order = inside[np.argsort(values[inside], kind="stable")]
         return cls(values[order], leftward[order], high)
@@ -322,10 +286,8 @@ class Decomposition:
     derivative_filter: float = 0.0
 
     def controller(self, kp: float, ki: float) -> Rational:
-        """Return the controller C(s) with zeros, poles and gain; it has no integrator if ki = 0."""
+        """Return the controller C(s), without an integrator if ki = 0."""
         return _controller(kp, ki, self.derivative_gain + kp * self.derivative_time, self.derivative_filter)
-
-    # -- the boundary curve -------------------------------------------------------------------------------
 
     def inverse(self, omega: Floats) -> Complexes:
         """Return R(j omega) of the module's equation for omega > 0, rad/s."""
@@ -333,7 +295,6 @@ class Decomposition:
         return delayed + self.derivative_gain * self._derivative(omega) if self.derivative_gain else delayed
 
     def _delayed(self, omega: Floats) -> Complexes:
-        """Return R - B = exp(tau s)/P at s = j omega."""
         plant, s = self.plant, 1j * omega[..., None]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             value = np.prod(s - plant.poles, axis=-1) / np.prod(s - plant.zeros, axis=-1)
@@ -344,7 +305,7 @@ class Decomposition:
         return 1 + self.derivative_time * self._derivative(omega) if self.derivative_time else 1.0
 
     def slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Floats]:
-        """Return dR/d omega, dA/d omega and |R - B| + |B|, which bounds rounding errors of R, at omega, rad/s."""
+        """Return dR/d omega, dA/d omega and a scale of the rounding errors of R, for R and A of the module."""
         delayed = self._delayed(omega)
         d_slope = 1j / (1 + 1j * omega * self.derivative_filter) ** 2
         slope = delayed * (1j * self.dead_time - self.plant.log_slope(omega)) + self.derivative_gain * d_slope
@@ -359,8 +320,6 @@ class Decomposition:
         inverse, shape = self.inverse(omega), self.proportional(omega)
         kp = -inverse.real / shape.real
         return np.asarray(kp), np.asarray(omega * (inverse.imag + kp * shape.imag))
-
-    # -- critical gains -----------------------------------------------------------------------------------
 
     def proportional_gains(self) -> CriticalGains:
         """Return all kp for which the loop with ki = 0 has a pole on the imaginary axis or at infinity."""
@@ -383,7 +342,7 @@ class Decomposition:
         return CriticalGains.within(-self.largest_kp, self.largest_kp, values, leftward)
 
     def integral_gains(self, kp: float) -> CriticalGains:
-        """Return all ki > 0 for which the loop with this kp has poles on the imaginary axis; |kp| <= `largest_kp`."""
+        """Return all ki > 0 for which the loop with this kp has poles on the imaginary axis."""
         low, high, first, last = self._branches
         at = np.flatnonzero((first < kp) != (last < kp))
 
@@ -398,7 +357,7 @@ class Decomposition:
 
     @cached_property
     def turning_points(self) -> Floats:
-        """Turning points of kp(omega), rad/s, at which intervals of ki appear or vanish."""
+        """Turning points of kp(omega), rad/s."""
         # kp = -Re H with H = exp(tau s) a/b + B: Im H' = 0, times the positive |b lag|^4
         a, b, lag = self._rational
         slope = fraction(self.dead_time) * a * b + a.derivative() * b - a * b.derivative()
@@ -407,7 +366,6 @@ class Decomposition:
 
     @cached_property
     def _branches(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Lower and upper ends of the intervals of omega > 0 on which kp(omega) is monotone, and kp at these ends."""
         zeros = self.plant.zeros
         poles = np.unique(zeros.imag[(zeros.real == 0) & (zeros.imag > 0)])  # poles of R
         low, high = parts(self.turning_points, poles, self._limit)
@@ -420,7 +378,6 @@ class Decomposition:
         return low, high, start, np.where(np.isinf(high), np.nextafter(last, first), last)
 
     def _kp_at_infinity(self) -> float:
-        """Return the limit of kp(omega) for omega to infinity, without dead time."""
         a, b, lag = self._rational
         below = Axis(b * lag).power
         above = Axis((a * lag + self._fixed * b) * _mirrored(b * lag)).even
@@ -433,19 +390,16 @@ class Decomposition:
 
     @property
     def _fixed(self) -> fmpq_poly:
-        """Numerator polynomial of B, the derivative part with fixed gain."""
         return fraction(self.derivative_gain) * _S
 
     @cached_property
     def _polynomials(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly, fmpq_poly]:
-        """Polynomials D and N of the plant, then denominator and numerator of A."""
         lag, lead = fraction(self.derivative_filter), fraction(self.derivative_filter) + fraction(self.derivative_time)
         num, den = self.plant.polynomials
         return den, num, 1 + lag * _S, 1 + lead * _S
 
     @property
     def _rational(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
-        """Polynomials a, b and the denominator of B: exp(tau s) a/b is R - B if B is not 0, and R/Re A if B is 0."""
         den, num, lag, lead = self._polynomials
         if self.derivative_gain:
             return den, num, lag
@@ -455,16 +409,13 @@ class Decomposition:
     def _real(self, factor: fmpq_poly, other: fmpq_poly) -> Floats:
         return real_frequencies(factor, other, self.dead_time, self._limit)
 
-    # -- bounds of gains and frequencies ------------------------------------------------------------------
-
     @property
     def _ends(self) -> tuple[float, float]:
-        """Values of A and B at infinite frequency, where their magnitudes are largest."""
         lag = self.derivative_filter or 1.0
         return 1 + self.derivative_time / lag, self.derivative_gain / lag
 
     def gain_at_infinity(self, kp: float) -> float:
-        """Return L(infinity), which is 0 unless the plant has as many zeros as poles."""
+        """Return the open loop L at infinite frequency."""
         shape, fixed = self._ends
         return self.plant.feedthrough * (kp * shape + fixed)
 
@@ -477,7 +428,6 @@ class Decomposition:
 
     @property
     def _largest_proportional(self) -> float:
-        """Upper bound of |kp A + B| on the imaginary axis for |kp| <= `largest_kp`."""
         shape, fixed = self._ends
         return self.largest_kp * shape + abs(fixed)
 
@@ -507,7 +457,6 @@ class Decomposition:
         return gain
 
     def _width_above_one(self, system: Rational, highest: float) -> float:
-        """Return the total width, rad/s, of the intervals below `highest` in which |system| > 1."""
         ends = np.minimum(np.append(0.0, Response(system, 0.0).gain_crossovers), highest)
         inside = system.log_size(0.5 * (ends[:-1] + ends[1:])) > 0
         return float(np.sum(np.diff(ends)[inside]))
@@ -518,12 +467,11 @@ class Decomposition:
 
     @staticmethod
     def _last_crossover(system: Rational) -> float:
-        """Return the frequency above which |system| < 1, rad/s; 0 if this holds everywhere."""
         return float(np.max(Response(system, 0.0).gain_crossovers, initial=0.0))
 
     @cached_property
     def _limit(self) -> float:
-        """Frequency, rad/s, above which no kp and ki within bounds put a pole on the axis; inf without dead time."""
+        """Frequency, rad/s, above which no kp and ki within their bounds put a pole on the imaginary axis."""
         if self.dead_time == 0:
             return np.inf
         if self.plant.gain == 0:
@@ -544,7 +492,6 @@ class Decomposition:
 
 
 def _mirrored(polynomial: fmpq_poly) -> fmpq_poly:
-    """Return the polynomial p(-s) for the polynomial p(s)."""
     return polynomial(-_S)
 
 
@@ -553,19 +500,13 @@ def _even(polynomial: fmpq_poly) -> fmpq_poly:
 
 
 def _may_rise(omega: Floats, slope: Floats, size: Floats) -> Flags:
-    """Mark frequencies at which the slope of a function of omega is not surely negative.
-
-    `size` is the sum of the magnitudes of the function's terms, which bounds the rounding error. The slope decides how
-    poles cross the axis: let F(s, k) be the left side of the module's equation for a gain k. A pole on the axis moves
-    by ds = -dk (dF/dk)/(dF/ds), and Re ds/dk has the sign of -d/d omega of Im (R/A) for k = kp, and of -d/d omega of
-    Re (R + kp A) for k = ki.
-    """
+    """Mark frequencies at which the slope of a function is not surely negative; `size` bounds the rounding errors."""
+    # Re ds/dk of a pole s = j omega has the opposite sign of the slope: where it may rise, poles may move to the left
     return np.asarray(slope * omega > -_SURELY_FALLING * size)
 
 
 @lru_cache(maxsize=16)  # the plants of a family use the same gains one after another
 def _controller(kp: float, ki: float, derivative: float, lag: float) -> Rational:
-    """Return kp + ki/s + derivative s/(lag s + 1)."""
     if derivative == 0:
         return pi_transfer_function(kp, ki)
     order = 3 if ki else 2  # without an integrator if ki = 0

@@ -67,13 +67,13 @@ class Envelope(Record):
 
     Each combination of rail, law, speed and load is an operating point at the reference slip, with dead time, lag and
     wheel radius of the vehicle. Around each operating point all combinations of the factors `slip`, `dead_time`, `lag`,
-    `radius`, `torque_gain`, `speed_scale` and `believed_radius` are cases with tolerances. `speed_scale` and
-    `believed_radius` are errors of the measured slip: the controller then holds a wrong true slip. They do not change
-    the slip of a controller that finds its slip by itself. The load "loaded" means the vehicle's loaded mass and wheel
-    load. A published law depends on the load; a law from a file has the same mu at every load. `reference` replaces the
-    reference slip of every law. A field that is not given has the value of the table [envelope] in the vehicle's file,
-    or the default. The default speeds go up to the vehicle's speed limit, if it has one. Gradients are not part of an
-    envelope, because a constant force changes no loop.
+    `radius`, `torque_gain`, `speed_scale` and `believed_radius` are cases with tolerances. With `speed_scale` and
+    `believed_radius` the controller measures the slip with an error and keeps the true slip at a wrong value. These two
+    factors do not change the slip of a controller that searches for its slip. A published law depends on the load; a
+    law from a file has the same mu at every load. `reference` replaces the reference slip of every law.
+
+    A field that is not given has the value of the table [envelope] in the vehicle's file, or the default. The default
+    speeds go up to the vehicle's speed limit, if it has one.
 
     InputError: a list that is empty, or makes too many cases; a value of wrong type, or not finite and positive (dead
     time and lag may be 0); an unknown law; a factor with which the reference slip would be 1 or more.
@@ -119,7 +119,6 @@ class Envelope(Record):
     @field_validator("rails", "laws", "speeds", "loads", *_FACTORS, mode="before")
     @classmethod
     def _a_list(cls, value: object) -> object:
-        """Tuple of the values without repetitions; a single value becomes a tuple with this value."""
         if isinstance(value, dict):
             raise InputError(f"{shown(value)} is not allowed; give a list")
         if isinstance(value, np.ndarray):
@@ -149,7 +148,6 @@ class Envelope(Record):
 
     @model_validator(mode="after")
     def _laws_and_slips_are_valid(self) -> Self:
-        """Check laws and slips; laws in files are checked when they are read."""
         self._check([law for law in self.laws if not _is_file(law)])
         return self
 
@@ -174,7 +172,7 @@ class Envelope(Record):
         return min(max(self.initial_speed, low), high) if follows else self.initial_speed
 
     def check_files(self) -> None:
-        """Read the law files, so that InputError for a wrong file is raised now and not later in `points`."""
+        """Read the law files now; InputError if a file is wrong."""
         self._check([law for law in self.laws if _is_file(law)])
 
     def _check(self, laws: list[Any]) -> None:
@@ -187,7 +185,7 @@ class Envelope(Record):
                 _reference(self, law_on_rail, rail)
 
     def at(self, **changes: Any) -> Envelope:
-        """Return a copy of the envelope with other values of the fields named in `changes`, checked as a new one."""
+        """Return a copy of the envelope with other values of the fields named in `changes`."""
         return type(self)(**{**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
 
     def table(self) -> dict[str, Any]:
@@ -217,10 +215,7 @@ class Envelope(Record):
         return _points(self, nominal, held)
 
     def knife_edges(self) -> tuple[str, ...]:
-        """Warning for each law and rail whose reference slip is within 5 % of the adhesion peak at some speed.
-
-        At the peak the slip pole changes its sign, so that small changes of slip there have a large effect on margins.
-        """
+        """Return a warning for each law and rail whose reference slip is within 5 % of an adhesion peak."""
         warnings: dict[str, str] = {}
         for rail, law, _, load in _laws(self):
             slip = _reference(self, law, rail)
@@ -248,8 +243,7 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
       file without the table has the default envelope.
     - vehicle: quarter car; by default the vehicle of the file.
 
-    InputError, with file, key and value in one line: a file that cannot be read, or has neither an envelope nor a
-    vehicle.
+    InputError: a file that cannot be read, or has neither an envelope nor a vehicle.
     """
     path = given_path(path)
     where = file_name(path)
@@ -273,9 +267,6 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     return validated(Envelope, {**table, "vehicle": car}, f"{where}: envelope")
 
 
-# --- the cases ------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Case:
     """One case of an envelope: an operating point, or a variation of it within the tolerances.
@@ -296,17 +287,15 @@ class Case:
 
     @property
     def actuator(self) -> Actuator:
-        """Actuator of the case, with dead time and lag in s."""
         return self.point.vehicle.actuator
 
     @cached_property
     def plant(self) -> LinearPlant:
-        """Linearised plant of the case."""
         return linearize(self.point)
 
     @property
     def description(self) -> str:
-        """Description of the case with its tolerances: "curve, dry, loaded, 100 km/h, dead time +30 %"."""
+        """Operating point and tolerances as text: "curve, dry, loaded, 100 km/h, dead time +30 %"."""
         point, car = self.point, self.point.vehicle
         changed = (
             ("slip", self.slip_factor, 1.0),
@@ -346,7 +335,7 @@ class EnvelopePoints:
     - plant, actuator: (n,), indices into `plants` and `actuators` for each case.
     - operating: (n,), whether the case is an operating point, which has all factors 1.
     - skipped: description of each combination that has no linear plant, with the reason.
-    - made: cached results of `system`, shared with subsets of these cases.
+    - made: transfer functions that `system` has computed, by plant.
     """
 
     vehicle: Vehicle
@@ -382,12 +371,11 @@ class EnvelopePoints:
         return np.array(self.loads)[self.plant]
 
     def take(self, chosen: NDArray[Any]) -> EnvelopePoints:
-        """Subset of the cases; `chosen` is an array of their indices, or (n,) flags."""
+        """Subset of the cases, by an array of indices or (n,) flags."""
         some = {name: getattr(self, name)[chosen] for name in ("plant", "actuator", "operating")}
         return replace(self, **some)
 
     def case(self, index: int) -> Case:
-        """Case number `index`, from 0."""
         i = int(self.plant[index])
         point = self.plants[i].point
         car = point.vehicle.model_copy(update={"actuator": self.actuators[int(self.actuator[index])]})
@@ -455,14 +443,12 @@ def _plant(
 
 
 def _worn(car: Vehicle, factor: float) -> Vehicle:
-    """Copy of the vehicle with its wheel radius multiplied by `factor`."""
     if factor == 1.0:
         return car
     return car.model_copy(update={"wheel": car.wheel.model_copy(update={"radius": factor * car.wheel.radius})})
 
 
 def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]]:
-    """Yield rail, law at the wheel load, name of the load, and vehicle with the load, for all combinations."""
     car = envelope.vehicle
     loads = {name: car if name == "empty" else car.loaded() for name in envelope.loads}
     distinct = {
@@ -473,10 +459,10 @@ def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]
 
 
 def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: Envelope) -> AdhesionLaw:
-    """Law on a rail at the wheel load of the vehicle `loaded`.
+    """Return a law on a rail at the wheel load of the vehicle `loaded`.
 
-    For a law that is not a published one, mu is the same as at the wheel load at which the law was identified. This is
-    the wheel load of the empty vehicle, unless the law or its file states another.
+    A law that is not a published one keeps the mu of the wheel load at which it was identified. This is the wheel load
+    of the empty vehicle, unless the law or its file states another.
     """
     found_at: float | None = None
     if isinstance(law, AdhesionLaw):
@@ -489,7 +475,6 @@ def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: E
 
 
 def _law_of_file(path: Path, envelope: Envelope) -> tuple[AdhesionLaw, float | None]:
-    """Law in a file, and the wheel load, N, at which it was identified, if the file states it."""
     try:
         return load_law(path, initial_speed_kmh=envelope.initial_speed), wheel_load_in(path)
     except InputError as error:
@@ -501,7 +486,6 @@ def _is_file(law: str | Path | AdhesionLaw) -> bool:
 
 
 def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
-    """Reference slip on a rail; InputError if there is none, or if it is 1 or more with a factor of the envelope."""
     given = envelope.reference
     slip = law.reference_slip(rail) if given is None else float(getattr(given, rail.value))
     if slip is not None and slip * max(envelope.slip) >= 1:

@@ -49,7 +49,6 @@ class Design:
 
     @property
     def structure(self) -> str:
-        """Name of the kind of the controller."""
         return self.controller.kind
 
     def __str__(self) -> str:
@@ -78,11 +77,8 @@ def by_rule(
 ) -> Design:
     """Compute the parameters of a controller from the vehicle, without tuning, and judge the controller.
 
-    - kind: class of the controller, which has a rule for its parameters.
-    - envelope: vehicle, and operating points and tolerances for the judgement.
-    - ms_max: required Ms, a ratio, > 1; a `Design` with a larger Ms has a `reason`.
-    - nominal: if true, judge without tolerances.
-    - period: sampling period, s; by default the rule of the kind sets it.
+    `kind` is a class with a rule for its parameters. If Ms is above `ms_max`, a ratio > 1, the `Design` has a `reason`.
+    With `nominal` the judgement has no tolerances. `period` is in s; by default the rule sets it.
     """
     fields = {} if period is None else {"period": check_period(period)}
     control = kind.for_vehicle(envelope.vehicle, **fields)
@@ -96,9 +92,8 @@ def by_rule(
 def hand_over_of(judgement: Judgement) -> float:
     """Return the hand-over speed, km/h, of a judged design: below it the controller should not control the slip.
 
-    It is the speed of the envelope from which up the design is robust. If the design is not robust at the highest
-    speed, it is the speed from which up every loop is stable. For an envelope with a single speed, and if no speed
-    qualifies, it is 0: no hand-over.
+    It is the speed from which up the design is robust, or, if the design is not robust at the highest speed, the speed
+    from which up every loop is stable. It is 0 for an envelope with a single speed, and if there is no such speed.
     """
     robust = judgement.robust_from_kmh
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
@@ -122,8 +117,8 @@ def tune(
 ) -> Design:
     """Tune one controller for all operating points of an envelope, empty and loaded, with the largest integral gain.
 
-    The gains are tuned at the operating points. The tolerances are used only for the judgement. If a rule of the kind
-    computes the parameters from the vehicle, they are not tuned. `railslip tune` has the same options.
+    The gains are tuned at the operating points; the tolerances are used only for the judgement. If a rule of the kind
+    computes the parameters from the vehicle, they are not tuned.
 
     - envelope: operating points and tolerances of the controller.
     - structure: name of a kind: "pi"; "pi-lead", whose lead cancels the actuator's lag; "pid", whose derivative time is
@@ -139,12 +134,9 @@ def tune(
     - period: sampling period, s, at most twice `lead_filter`; by default 10 ms, or the period that the kind's rule
       sets.
 
-    Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope.
-    InfeasibleDesignError: no gains meet the specification. The message has the lowest speed (km/h) above which some
-    gains meet the specification. It also has this speed for a smaller reference slip, and for a brake with shorter dead
-    time and lag, if some gains then meet the specification. InputError: an unknown structure, a number out of range,
-    `ki_min` without `minimise_ms` or the reverse, an argument that the structure does not use, or an envelope without
-    points.
+    InfeasibleDesignError: no gains meet the specification; the message has remedies. InputError: an unknown structure,
+    a number out of range, `ki_min` without `minimise_ms` or the reverse, an argument that the structure does not use,
+    or an envelope without points.
     """
     specification, kind = Specification(ms_max, phase_min, delay_min), structure_named(structure)
     if not issubclass(kind, PI):
@@ -180,10 +172,10 @@ def tune_over(
     nominal: bool = False,
     period: float | None = None,
 ) -> tuple[TunedCases, Design | None]:
-    """Tune a controller as `tune` does, for any specification; return the tuned gains as `TunedCases`, and the design.
+    """Tune a controller for any specification; return the tuned gains and the design.
 
-    If the specification is infeasible, `TunedCases` has the reason and the design is None. The arguments are those of
-    `tune`, with the class `kind` as structure. If `nominal`, only the operating points are judged.
+    The arguments are those of `tune`. If the specification is infeasible, the design is None, and `TunedCases` has the
+    reason.
     """
     hold = PERIOD if period is None else check_period(period)
     points = envelope.points(nominal=nominal)
@@ -218,7 +210,7 @@ def tune_over(
 
 
 def _with_hold(actuator: Actuator, period: float) -> Actuator:
-    """Add half a sampling period of dead time, which approximates the zero-order hold to second order."""
+    # half a period of dead time approximates the zero-order hold to second order
     return actuator.model_copy(update={"dead_time": actuator.dead_time + period / 2})
 
 
@@ -227,9 +219,8 @@ def sampled_below(
 ) -> SampledController:
     """Sample a controller, and reduce its ki until Ms of every sampled loop is at most `ms_max`.
 
-    The continuous `design` was tuned for `plants` and `actuator` with half a sampling `period`, s, of additional dead
-    time. If Ms is still larger after `_KI_STEPS` reductions, the last controller is returned; the judgement then shows
-    this Ms.
+    `design` was tuned with half a sampling `period`, s, of additional dead time. If Ms is still larger after
+    `_KI_STEPS` reductions, the last controller is returned.
     """
     step, critical = _KI_STEP, list(plants)
     for _ in range(_KI_STEPS):
@@ -253,7 +244,7 @@ def judged_design(
     slips: ReferenceSlip | None,
     nominal: bool = False,
 ) -> Design:
-    """Return the `Design` of a tuned controller, as an instance of `kind` with its judgement over the envelope."""
+    """Return a tuned controller as an instance of `kind`, with its judgement over the envelope."""
     judgement = judge_points(envelope, run, points, nominal=nominal)
     operating = [plant.point for plant in operating_plants(points)]
     hand_over = hand_over_of(judgement)
@@ -264,14 +255,12 @@ def judged_design(
 
 
 def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPlant]:
-    """Return the plants at the lowest speed >= `from_kmh` and at the highest speed, usually the hardest to control."""
     speeds = [v for plant in plants if (v := plant.point.speed_kmh) > 0.999 * from_kmh]
     ends = min(speeds), max(speeds)
     return [plant for plant in plants if plant.point.speed_kmh in ends]
 
 
 def _tuned_at_ends(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases:
-    """Tune for the plants at the lowest and the highest speed; if no gains meet the specification, none do for all."""
     tuned = tuned_at(_ends(plants))
     if tuned.design is not None or len(tuned.points) == len(plants):
         return tuned
@@ -280,10 +269,7 @@ def _tuned_at_ends(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases
 
 
 def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> TunedCases:
-    """Tune for all plants, from a design for some: add the plants that violate the specification most, and tune again.
-
-    A design that is optimal for a subset of the plants and feasible for all of them is optimal for all.
-    """
+    # a design that is optimal for a subset and feasible for all plants is optimal for all
     subset, result = _ends(plants), tuned
     while result.design is not None:
         known = {id(plant) for plant in subset}
@@ -368,28 +354,20 @@ def common_reference(envelope: Envelope, points: EnvelopePoints) -> ReferenceSli
     return ReferenceSlip(dry=dry, wet=wet)
 
 
-# --- selection: the best PI or PI-lead, with a smaller reference slip if that helps -----------------------------------
-
-
 REFERENCE_FACTORS = (1.0, 0.75, 0.5)
 """Factors that `select` tries on the reference slips of the envelope."""
 
 REACH_SHARE = 0.5
 """Share of the stopping time within which a design must build up the torque of its reference slip."""
 
-_INTEGRAL_TIMES = 64.0 * 2.0 ** -np.array(
-    [0, 2, 3, 4, 4.5, 5, 5.5, 6, 6.5, 7, 8]
-)  # integral times that are tried, relative to dead time plus lag, longest first
-_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # positions in the known interval of gains, on a log scale, tried for the rest
+# integral times that are tried, relative to dead time plus lag, longest first
+_INTEGRAL_TIMES = 64.0 * 2.0 ** -np.array([0, 2, 3, 4, 4.5, 5, 5.5, 6, 6.5, 7, 8])
+_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # further trial gains in the stabilising interval, on a log scale from 0 to 1
 _GAINS = 16  # number of gains of an interval, in equal ratios, at which Ms is computed
 _INSIDE = 0.02  # share of an interval, on a log scale, left out at its ends, where gains are not stable
 _WIDEST = 100.0  # largest ratio of the ends of an interval that is searched; smaller gains hardly control the wheel
 _JOINING = 8  # largest number of violating plants added at once
-_REMEDY_FACTORS = (
-    0.75,
-    0.5,
-    0.25,
-)  # factors on reference slip, or on dead time and lag, tried for an infeasible design
+_REMEDY_FACTORS = (0.75, 0.5, 0.25)  # on reference slip, or on dead time and lag, tried for an infeasible design
 _MANY = 100  # operating points above which the derivative time of a PID is searched only at the hardest
 _ENOUGH = 1e4  # N*m/(m/s), upper gain if nothing bounds it; large for any wheel
 _WORSE = 2  # number of successive integral times with worse results that ends the search of shorter ones
@@ -406,12 +384,11 @@ class StructureChoice:
 
     - structure: "pi" or "pi-lead".
     - reference_factor: factor on the envelope's reference slips.
-    - design: the tuned controller with its judgement; None if no gains stabilise the loops, with `reason` why.
-    - reach_s: time, s, in which the integral term builds up the torque that holds the reference slip, at the operating
-      point of the highest speed at which this time is longest relative to `stop_s`.
-    - stop_s: time, s, of a stop from the envelope's initial speed with the adhesion of that operating point.
-    - adhesion_share: ratio of the adhesion at the candidate's reference slip to that at the envelope's reference slip,
-      the smallest over the operating points.
+    - design: the tuned controller with its judgement; None, with a `reason`, if no gains stabilise the loops.
+    - reach_s: time, s, in which the integral term builds up the torque that holds the reference slip. It is the time at
+      the operating point of the highest speed where reach_s/stop_s is largest.
+    - stop_s: time, s, of a stop from the envelope's initial speed with the adhesion of this operating point.
+    - adhesion_share: smallest ratio of the adhesion at the candidate's reference slip to that at the envelope's.
     - lead_filter: time constant of the lead's filter, s.
     """
 
@@ -431,7 +408,7 @@ class StructureChoice:
 
     @property
     def tier(self) -> tuple[bool, float, float]:
-        """Sort key for the first three items of the list in `select`; smaller is better."""
+        """Sort key for the first three items of the list in `select`."""
         if self.design is None:
             return True, math.inf, math.inf
         judgement = self.design.judgement
@@ -441,12 +418,11 @@ class StructureChoice:
 
     @property
     def rank(self) -> tuple[tuple[bool, float, float], bool, float, str]:
-        """Sort key for all items of the list in `select`; smaller is better."""
+        """Sort key for all items of the list in `select`; the smallest is the best."""
         return self.tier, not self.reaches, -self.reference_factor, self.structure
 
     @property
     def description(self) -> str:
-        """Description of the candidate with its verdict."""
         if self.design is not None and not isinstance(self.design.controller, PI):
             return f"{self.structure}: {self.design.judgement.verdict_line}"
         kind = f"PI-lead with a filter of {self.lead_filter:.3g} s" if self.structure == "pi-lead" else "PI"
@@ -466,7 +442,7 @@ class Selection:
 
     @cached_property
     def best(self) -> StructureChoice | None:
-        """Best candidate; None if none stabilises the loops at the highest speed."""
+        """Best candidate; None if no candidate stabilises the loops at the highest speed."""
         return self.choices[0] if self.choices[0].design is not None else None
 
     def __str__(self) -> str:
@@ -490,8 +466,8 @@ def select(
     - reference slip reached: the integral term builds up the necessary torque within half the stopping time
     - larger reference slip
 
-    For each structure and reference slip, the gains with the largest ki are chosen among those that are stable, with
-    Ms <= 2, from the lowest possible speed up. If no gains have Ms <= 2, Ms may be 5 % above its smallest value.
+    For each structure and reference slip, ki is the largest for which the loops are stable, with Ms <= 2, from the
+    lowest possible speed up. If no gains have Ms <= 2, Ms may be 5 % above its smallest value.
 
     - envelope: operating points and tolerances of the design.
     - structures: "pi", "pi-lead" or both; the lead cancels the actuator's lag.
@@ -499,7 +475,7 @@ def select(
       reference slips.
     - filter_ratio: time constant of the lead's filter over that of the lead, a ratio, > 0.
 
-    Returns every candidate with its judgement (speeds in km/h), the best first. InputError: an envelope without points.
+    InputError: an envelope without points.
     """
     choices = []
     own = envelope.points(nominal=True)
@@ -529,7 +505,6 @@ def _choice(
     lead: tuple[float, float],
     reference: ReferenceSlip | None,
 ) -> StructureChoice:
-    """Tune one candidate of `select`; `lead` has the time constants of the lead and of its filter, s."""
     period = run_period(PIController(PIGains(kp=1.0, ki=0.0), *lead))
     delayed = replace(points, actuators=tuple(_with_hold(actuator, period) for actuator in points.actuators))
     try:
@@ -544,7 +519,6 @@ def _choice(
 
 
 def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
-    """Return the smallest ratio of the adhesion at an operating point of `points` to that at the same one of `own`."""
     pairs = zip(operating_plants(points), operating_plants(own), strict=True)
     return min(mine.point.adhesion_force / other.point.adhesion_force for mine, other in pairs)
 
@@ -552,14 +526,13 @@ def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
 def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope) -> tuple[float, float]:
     """Return the time to build up the torque that holds the reference slip, and the stopping time, s.
 
-    The two times are those of the operating point at which the first is longest relative to the second. At the start
-    the wheel rolls, so that the slip error is the whole reference slip velocity. The first torque is one that every
-    rail can transmit.
+    They are those of the operating point at the highest speed with the largest ratio of the two times.
     """
     operating = [plant.point for plant in operating_plants(points)]
     start = SURE_SHARE * min(point.brake_torque for point in operating)
     times = []
     for point in operating:
+        # at the start the wheel rolls, and the slip error is the reference slip velocity
         error = point.slip * point.speed
         lacking = point.brake_torque - start - controller.gains.kp * error
         reach = (
@@ -571,12 +544,9 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
     return max(times, key=lambda pair: pair[0] / pair[1])
 
 
-# --- the search -----------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class _Result:
-    """Gain chosen for an integral time, s; the loops are stable from `speed`, km/h, up, with `ms` as worst Ms."""
+    """Gain for an integral time, s, with which the loops are stable from `speed`, km/h, up, with worst Ms `ms`."""
 
     integral_time: float
     speed: float
@@ -585,17 +555,13 @@ class _Result:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Sort key: Ms <= 2 first, then the lower speed, then the larger ki, or the smaller Ms if Ms > 2."""
         robust = is_robust(self.ms)
         return not robust, self.speed, -self.kp / self.integral_time if robust else self.ms
 
 
 @dataclass(frozen=True)
 class _Search:
-    """Search for the gains of a PI with a lead, over the cases of an envelope.
-
-    `lead` and `lead_filter` are the time constants of the lead and of its filter, s.
-    """
+    """Search for the gains of a PI with a lead over the cases of an envelope; `lead` and `lead_filter` are in s."""
 
     points: EnvelopePoints
     lead: float
@@ -603,7 +569,6 @@ class _Search:
 
     @cached_property
     def scale(self) -> float:
-        """Dead time plus lag of the brake, s, to which integral times are relative."""
         actuator = self.points.vehicle.actuator
         return (actuator.dead_time + actuator.lag) or 0.02
 
@@ -611,10 +576,7 @@ class _Search:
         return PIController(PIGains(kp=kp, ki=kp / integral_time), self.lead, self.lead_filter)
 
     def best(self) -> tuple[PIController, float | None]:
-        """Return the best controller, and the speed, km/h, from which up its Ms is at most 2; None if Ms > 2.
-
-        InfeasibleDesignError if no gains stabilise the loops at the highest speed.
-        """
+        """Return the best controller, and the speed, km/h, from which up its Ms is at most 2; None if Ms > 2."""
         hardest, times = _hardest(self.points), (self.scale * _INTEGRAL_TIMES).tolist()
         slowest, few = self.at(times[0], hardest)
         if slowest is None:
@@ -647,11 +609,7 @@ class _Search:
     def faster(
         self, start: _Result, times: list[float], points: EnvelopePoints, few: EnvelopePoints
     ) -> tuple[PIController, float | None]:
-        """Return controller and speed as `best` does, with a shorter integral time if the result is not worse.
-
-        The integral time is bisected between that of `start` and the next shorter of `times`, with the cases `few`. The
-        results are checked with all cases `points`.
-        """
+        """Return controller and speed as `best` does, with a shorter integral time if the result is not worse."""
         end = max((time for time in times if time < start.integral_time), default=start.integral_time)
         results, ratio = [start], (end / start.integral_time) ** 0.5 if is_robust(start.ms) else 1.0
         while ratio < _TIME_STEP:
@@ -670,8 +628,7 @@ class _Search:
     def at(self, integral_time: float, points: EnvelopePoints) -> tuple[_Result | None, EnvelopePoints]:
         """Return the best gain for an integral time, and the cases that limit this gain.
 
-        The best gain is stable, with Ms <= 2 if possible, from the lowest possible speed up. It is None if no gain
-        stabilises the loops at the highest speed.
+        The gain is None if no gain stabilises the loops at the highest speed.
         """
         low, high = self.intervals(integral_time, points)
         above = {speed: points.speed_kmh >= speed for speed in np.unique(points.speed_kmh).tolist()}
@@ -695,10 +652,7 @@ class _Search:
         return chosen, _binding(points, low, high, ms, operating)
 
     def intervals(self, integral_time: float, points: EnvelopePoints) -> tuple[Floats, Floats]:
-        """Return the smallest and the largest stabilising gain of each case, (n,); inf and 0 if none was found.
-
-        Only gains are tried that stabilise the cases of the highest speed whose intervals are already found.
-        """
+        """Return the smallest and the largest stabilising gain of each case, (n,); inf and 0 if none was found."""
         low, high = np.full(len(points), np.inf), np.zeros(len(points))
         fastest = points.speed_kmh == points.speed_kmh.max()
         left, gain = np.arange(len(points)), self.start(integral_time)
@@ -719,7 +673,6 @@ class _Search:
         return low, high
 
     def start(self, integral_time: float) -> float:
-        """Return a gain that stabilises the loop at an operating point of the highest speed; 1 if none is found."""
         fast = np.flatnonzero(self.points.operating & (self.points.speed_kmh == self.points.speed_kmh.max()))
         for index in fast.tolist():
             case = self.points.case(index)
@@ -733,7 +686,6 @@ class _Search:
 
 
 def _spread(low: float, high: float, count: int) -> list[float]:
-    """Return gains inside an interval, in equal ratios; an infinite upper end becomes `_WIDEST` times the lower end."""
     if not math.isfinite(high):
         high = _WIDEST * low or _ENOUGH
     low = max(low, high / _WIDEST)
@@ -744,11 +696,6 @@ def _spread(low: float, high: float, count: int) -> list[float]:
 def _binding(
     points: EnvelopePoints, low: Floats, high: Floats, ms: Floats, operating: EnvelopePoints
 ) -> EnvelopePoints:
-    """Return the cases that limit the gains.
-
-    For each speed these are the `_BINDING` cases with the largest lower end and those with the smallest upper end of
-    the stabilising gains, and for each gain the operating point of largest Ms.
-    """
     chosen = np.zeros(len(points), dtype=bool)
     numbers = np.flatnonzero(points.operating)
     for speed in np.unique(points.speed_kmh):
@@ -761,7 +708,6 @@ def _binding(
 
 
 def _hardest(points: EnvelopePoints) -> EnvelopePoints:
-    """Return the operating points, and the cases with the longest dead time and the shortest or the longest lag."""
     dead_times = np.array([actuator.dead_time for actuator in points.actuators])[points.actuator]
     lags = np.array([actuator.lag for actuator in points.actuators])[points.actuator]
     ends = (lags == lags.min()) | (lags == lags.max())

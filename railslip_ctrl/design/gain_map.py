@@ -1,8 +1,4 @@
-"""Maps for the design by hand: PI gains with Ms below a level, and Ms over two parameters of any controller.
-
-The map of the gains consists of rows of equal ki, each with intervals of kp. The ends of the intervals follow from the
-gains that each frequency excludes (`tuning_search`). The exact root count decides whether an interval is stable.
-"""
+"""Maps for the design by hand: PI gains with Ms below a level, and Ms over two parameters of any controller."""
 
 from __future__ import annotations
 
@@ -53,7 +49,7 @@ Row = tuple[float, list[Interval]]
 class GainLevel:
     """Gains with Ms of at most `ms` at all plants, or all stabilising gains if `ms` is None.
 
-    Each of the `rows` is a ki, N*m/m, with the intervals of kp, N*m/(m/s), at this ki; ki ascends from row to row.
+    Each row is a ki, N*m/m, with the intervals of kp, N*m/(m/s), at this ki; ki ascends from row to row.
     """
 
     ms: float | None
@@ -63,20 +59,17 @@ class GainLevel:
 def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) -> tuple[GainLevel, ...]:
     """Return the gains of a PI that stabilise all plants, then for each of `LEVELS` those with Ms up to this level.
 
-    - control: PI; its lead is used with all gains.
-    - plants, actuator: other parts of the loops; Ms must be up to the level at every plant.
-
-    A level with which no gains are found is left out, together with all smaller ones. The result is empty if no gains
-    stabilise all plants.
+    The lead of `control` is used with all gains. The result ends before the first level without gains. It is empty if
+    no gains stabilise all plants.
     """
     shape = PIController(PIGains(kp=1.0, ki=0.0), control.lead, control.lead_filter).transfer_function
     systems = [shape * actuated_plant(plant, actuator) for plant in plants]
     family = Family(systems, [actuator.dead_time] * len(systems), True, ())
 
+    # the plant whose loop was unstable last is checked first
     order = list(range(len(systems)))
 
     def holds_all(kp: float, ki: float) -> bool:
-        """Return True if all loops are stable, by exact root counts; the next call begins with the unstable plant."""
         controller = pi_transfer_function(kp, ki)
         for position, i in enumerate(order):
             if not DeadTimeLoop(controller * systems[i], actuator.dead_time).is_stable():
@@ -94,12 +87,9 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
         return intervals
 
     def row(ki: float, ms: float | None) -> list[Interval]:
-        """Return the intervals of kp with Ms <= `ms` at one ki; stability is decided at the middle of an interval.
-
-        An interval cannot extend beyond a stable interval, because Ms is infinite at its ends.
-        """
         if ms is None or not stable(ki):
             return stable(ki)
+        # a gap cannot extend beyond a stable interval, because Ms is infinite at the ends of the interval
         gaps = family.forbidden.gaps(ki, Specification(ms), ki)
         return [(a, b) for a, b in gaps if any(low <= 0.5 * (a + b) <= high for low, high in stable(ki))]
 
@@ -120,7 +110,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
 
 
 def _top(met: Callable[[float], bool], begin: float) -> float:
-    """Return a ki slightly above the largest ki for which `met` is true; the search starts at `begin`."""
+    """Return a ki slightly above the largest ki for which `met` is true."""
     ki, ratio = begin, 2.0
     while ratio > _NEAR_TOP:
         higher = met(ki)
@@ -131,7 +121,6 @@ def _top(met: Callable[[float], bool], begin: float) -> float:
 
 
 def _tip(met: Callable[[float], bool], high: float) -> float:
-    """Return the largest ki up to `high` for which `met` is true, by bisection."""
     if met(high):
         return high
     low = 0.0
@@ -151,11 +140,9 @@ def ms_cells(
     """Return the values of two parameters of a controller, and the worst Ms over all plants at each pair of values.
 
     - control_at: function of the two parameters that returns the controller.
-    - around: middle value of each of the two parameters.
-    - count: number of values of each of the two parameters.
-    - plants, actuator: other parts of the loops.
+    - around, count: middle value and number of values of each of the two parameters.
 
-    Ms is inf if a loop is unstable, and NaN if `control_at` raises an error for the two values.
+    Ms is inf if a loop is unstable, and NaN if `control_at` raises an error.
     """
     x, y = (_around(*pair) for pair in zip(around, count, strict=True))
     ms, loops, cells = np.full(count, np.nan), list[DeadTimeLoop](), list[tuple[int, int]]()
@@ -177,13 +164,12 @@ def ms_cells(
 
 
 def _around(value: float, count: int) -> list[float]:
-    """Return `count` values from 1/4 to 4 times `value`, in equal ratios; from -1 to 1 if `value` is 0."""
     share = np.linspace(-1.0, 1.0, count)
     return [float(x) for x in (value * _SPAN**share if value else share)]
 
 
 def hard_plants(plants: Sequence[LinearPlant]) -> list[LinearPlant]:
-    """Return the plants with the largest poles and the plant with the smallest, which usually bound the gains."""
+    """Return the plants with the largest poles and the plant with the smallest, which usually limit the gains."""
     order = sorted(plants, key=_pole)
     return order if len(order) <= _HARDEST else [order[0], *order[1 - _HARDEST :]]
 
@@ -194,13 +180,11 @@ def _pole(plant: LinearPlant) -> float:
 
 @dataclass(frozen=True)
 class Screen:
-    """Quick search for the one of n plants at which a controller has the largest Ms; create it with `Screen.of`.
-
-    Ms is estimated from |S| at m frequencies. The caller then computes the exact margins at the plant that was found.
+    """Quick search for the plant at which a controller has the largest Ms, estimated on a grid of m frequencies.
 
     - omega: frequencies, rad/s, (m,).
     - responses: frequency responses of brake and wheel, (n, m).
-    - right: number of poles of brake and wheel with positive real part, (n,); a pole at 0 counts as half.
+    - right: number of poles of brake and wheel with positive real part, plus half the number of poles at 0, (n,).
     - speeds: train speeds, km/h, (n,).
     - poles: largest real part of the poles of each plant, 1/s, (n,).
     """
@@ -213,7 +197,7 @@ class Screen:
 
     @classmethod
     def of(cls, points: EnvelopePoints) -> Screen:
-        """Make the search for the plants of `points`, with the vehicle's actuator without tolerances."""
+        """Prepare the search for the plants of `points` with the vehicle's actuator."""
         brake = points.vehicle.actuator
         loops = [DeadTimeLoop(actuated_plant(plant, brake), brake.dead_time) for plant in points.plants]
         low, high = zip(*(loop.feature_band() for loop in loops), strict=True)
@@ -227,10 +211,9 @@ class Screen:
         )
 
     def hardest(self, system: Any, from_kmh: float = 0.0) -> int:
-        """Return the index of the plant with the largest Ms, or of the fastest unstable one, at or above a speed.
+        """Return the index of the plant with the largest Ms, or of the fastest unstable one.
 
-        - system: continuous linear controller.
-        - from_kmh: lowest speed, km/h.
+        Only plants at or above `from_kmh`, km/h, are searched.
         """
         c = controller_system(system)
         with np.errstate(all="ignore"):
@@ -245,12 +228,11 @@ class Screen:
 
 
 def fastest(points: EnvelopePoints, from_kmh: float = 0.0) -> int:
-    """Return the index of the plant whose pole has the largest real part, at or above a speed, km/h."""
+    """Return the index of the plant, at or above a speed, km/h, whose pole has the largest real part."""
     plants = points.plants
     return _largest(np.array([_pole(one) for one in plants]), [one.point.speed_kmh for one in plants], from_kmh)
 
 
 def _largest(score: Floats, speeds: Sequence[float] | Floats, from_kmh: float) -> int:
-    """Return the index of the largest score at or above a speed, km/h; over all scores if no speed is that high."""
     above = np.asarray(speeds) > from_kmh * (1 - 1e-9)
     return int(np.argmax(np.where(above if above.any() else ~above, score, -np.inf)))

@@ -42,9 +42,8 @@ _ENGINES_AGREE = 1e-6  # relative difference of Ms computed for many loops at on
 class WorstCase:
     """Case with the largest Ms, the loop of this case, and its margins (None if the loop is unstable).
 
-    A continuous controller with a sampling period has a second, sampled loop in every case. `run_case`, `as_run` and
-    `sampled` are the case with the largest Ms of the sampled loop, this loop and its margins. Without a sampled loop
-    `as_run` and `sampled` are None.
+    `run_case`, `as_run` and `sampled` are the case with the largest Ms of the sampled loop, this loop and its margins.
+    `as_run` is None if the controller has no sampled loop besides `loop`.
     """
 
     case: Case
@@ -56,12 +55,10 @@ class WorstCase:
 
     @property
     def point(self) -> Any:
-        """Operating point of the case; its vehicle has the load, wheel and actuator of the case."""
         return self.case.point
 
     @property
     def ms(self) -> float:
-        """Ms, inf if the loop is unstable."""
         return math.inf if self.margins is None else self.margins.ms
 
     @property
@@ -73,7 +70,6 @@ class WorstCase:
 
     @property
     def loop_description(self) -> str:
-        """Ms of the loop, and the case, as text."""
         return f"{_kept(self.margins)} at {self.case.description}"
 
     @property
@@ -105,9 +101,7 @@ def _kept(margins: Margins | None) -> str:
 
 @dataclass(frozen=True)
 class MsMap:
-    """Worst Ms over speed and load, at the operating points and with tolerances.
-
-    Each Ms is the larger of those of the continuous and the sampled loop.
+    """Worst Ms over speed and load, of the continuous and the sampled loops.
 
     - speeds_kmh: train speeds, km/h, (m,), ascending.
     - loads: names of the loads, (n,).
@@ -123,7 +117,7 @@ class MsMap:
     with_tolerances: Floats
 
     def plot(self) -> Any:
-        """The map as a matplotlib figure: a table of coloured cells with the value of Ms in each."""
+        """Return the map as a matplotlib figure."""
         plots = import_module("railslip_ctrl.report.plots")  # a package that imports this one
         return plots.ms_map_figure({"": self}, title="Worst Ms over speed and load")
 
@@ -161,10 +155,9 @@ class Judgement:
     def sampled_ms(self) -> Floats:
         """Ms of the sampled loop of each case, (n,), inf if the loop is unstable; NaN where it is not computed.
 
-        If `as_it_runs` is true, Ms is computed in all cases. If it is false and the controller is continuous with a
-        sampling period, Ms is computed at every operating point. At each speed it is also computed in the three cases
-        with the largest Ms and in the case with the smallest delay margin, because sampling affects these most. For
-        any other controller all values are NaN.
+        For a continuous controller with a sampling period Ms is computed at every operating point. At each speed it is
+        also computed in the three cases with the largest Ms of the continuous loop and in the case with the smallest
+        delay margin, because sampling affects these most.
         """
         ms = np.full(len(self.points), np.nan)
         if self.as_it_runs:
@@ -189,7 +182,7 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """Verdict: "robust", "fragile" or "unstable"; sampled loops, if there are any, are included.
+        """Verdict: "robust", "fragile" or "unstable", which includes sampled loops.
 
         A robust controller has Ms <= 2 at every operating point and is stable with every tolerance. A fragile
         controller is stable at every operating point, but not robust.
@@ -219,8 +212,7 @@ class Judgement:
     def least(self, margin: str, *, largest: bool = False) -> tuple[float, Case]:
         """Smallest value of a margin over the operating points at speeds from `usable_from_kmh` up, and its case.
 
-        - margin: name of a margin of `Margins`.
-        - largest: whether to return the largest value instead.
+        `margin` is the name of a margin of `Margins`. If `largest`, return the largest value instead.
         """
         sign = -1.0 if largest else 1.0
         cases = np.flatnonzero(self._usable & self.points.operating)
@@ -233,7 +225,6 @@ class Judgement:
 
     @cached_property
     def _rough(self) -> dict[str, Floats]:
-        """Approximate margins, (n,), from a grid of frequencies; they select the cases to be computed exactly."""
         margins_by_name = {name: np.full(len(self.points), np.nan) for name in _ROUGH}
         for i in np.flatnonzero(self.points.operating).tolist():
             plant, actuator = _of(self.points, i)
@@ -346,7 +337,6 @@ class Judgement:
 
     @property
     def _handed_over(self) -> str:
-        """Text on the hand-over speed and the verdict above it; empty if no speed of the envelope is below it."""
         if self._in_use.all():
             return ""
         hand_over = f"; hands over below {self.hand_over_kmh:.4g} km/h"
@@ -357,7 +347,6 @@ class Judgement:
         )
 
     def _decided(self, cases: Flags) -> str:
-        """Verdict over `cases`, with the operating point or the case with tolerances that decides it, as text."""
         verdict = self._verdict(cases)
         tolerances = verdict == "fragile" and not self._stable(cases)
         worst = self._worst(cases if tolerances else cases & self.points.operating)
@@ -386,7 +375,6 @@ class Judgement:
         return lowest
 
     def _worst(self, chosen: Flags) -> WorstCase:
-        """Case of largest Ms and case of largest sampled Ms among `chosen`, with the margins of their loops."""
         index = self._largest(self.ms, chosen)
         known = np.isfinite(self.ms[index]) and not np.isnan(self.sampled_ms[chosen]).all()
         run_index = self._largest(self.sampled_ms, chosen) if known else index
@@ -400,11 +388,10 @@ class Judgement:
 
     @cached_property
     def as_it_runs(self) -> bool:
-        """True if the class of the controller builds its own loops, which are sampled loops; `ms` is then theirs."""
+        """True if all loops of the controller are sampled loops."""
         return isinstance(self.controller, Controller) and type(self.controller).loop is not Controller.loop
 
     def _loop(self, index: int, made: Callable[..., Any]) -> tuple[Any, Margins | None]:
-        """Loop of a case, built by `made` and cached, and its margins, None if it is unstable or does not exist."""
         key = made, int(self.points.plant[index]), int(self.points.actuator[index])
         if key not in self._loops:
             plant, actuator = _of(self.points, index)
@@ -413,7 +400,6 @@ class Judgement:
         return self._loops[key]
 
     def _largest(self, ms: Floats, chosen: Flags) -> int:
-        """Index of the chosen case of largest Ms; if several are unstable, of largest pole times (dead time + lag)."""
         unstable = np.flatnonzero(chosen & np.isinf(ms))
         if not unstable.size:
             return int(np.argmax(np.where(chosen, np.nan_to_num(ms), -1.0)))
@@ -428,17 +414,16 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
     """Judge a linear controller over an envelope, with exact dead times.
 
     The operating points are at the reference slips of the envelope if it has any, else at those of the controller. A
-    controller that finds its slip by itself, such as the seeking controller, is judged at the slip that it finds with
-    each law.
+    controller that searches for its slip, such as the seeking controller, is judged at the slip that it finds with each
+    law.
 
     - envelope: operating points and tolerances.
     - controller: linear system from slip error e = lambda_d v - sigma (m/s) to torque (N*m): any argument of
-      `wheel_slip_loop`. A continuous system without a sampling period is judged as continuous and as sampled every
-      10 ms by Tustin's rule.
+      `wheel_slip_loop`. A continuous system without a sampling period is judged as continuous and as sampled every 10
+      ms by Tustin's rule.
     - nominal: if true, only the operating points are judged, without tolerances.
 
-    Returns the verdict, the lowest speed (km/h) at which the controller may be used, the worst cases, and the margins
-    of every case; `print` shows the verdict. InputError: a controller without margins, or an envelope without points.
+    InputError: a controller without margins, or an envelope without points.
     """
     controller = getattr(controller, "controller", controller)  # the controller of a design
     if is_kind(controller):
@@ -456,10 +441,9 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
 
 
 def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
-    """Envelope with the controller's reference slips; slips that the envelope already has are kept.
+    """Return the envelope with the controller's reference slips, unless the envelope has reference slips.
 
-    If the controller finds its slip by itself, no reference slip is added. Instead the speeds at which its loop changes
-    (`speeds_to_judge`) are added to those of the envelope.
+    For a controller that searches for its slip, the speeds at which its loop changes are added to the envelope instead.
     """
     reference = getattr(controller, "reference", None)
     if finds_slip(controller):
@@ -472,7 +456,7 @@ def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
 
 
 def bounds_over(points: EnvelopePoints, over: MsMap) -> Floats:
-    """Lower bound of Ms for all linear controllers at each speed and load of the map `over`, (m, n); see `limits`."""
+    """Return the lower bound of Ms for all linear controllers at each speed and load of the map `over`, (m, n)."""
     bounds = np.ones((over.speeds_kmh.size, len(over.loads)))
     for plant, load in zip(points.plants, points.loads, strict=True):
         poles, zeros = (roots[roots.real > 0] for roots in (plant.poles, plant.zeros))
@@ -482,19 +466,19 @@ def bounds_over(points: EnvelopePoints, over: MsMap) -> Floats:
 
 
 def finds_slip(controller: Any) -> bool:
-    """Whether a controller searches for its slip by itself instead of tracking a reference slip."""
+    """Return True if a controller searches for its slip instead of tracking a reference slip."""
     return isinstance(controller, Controller) and controller.finds_slip
 
 
 def judge_points(envelope: Envelope, controller: Any, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
-    """Judge a controller as `judge` does, with the cases `points` of the envelope, which the caller has computed."""
+    """Judge a controller in the cases `points` of an envelope, which the caller has computed."""
     return Judgement(controller, envelope, nominal, points, margins_at(controller, points))
 
 
 def margins_at(
     controller: Any, points: EnvelopePoints, factors: Floats | None = None, *, gain_margins: bool = False
 ) -> BatchMargins:
-    """Margins of a controller in every case.
+    """Return the margins of a controller in every case.
 
     - factors: factors on the loop gain; the margins are then ordered by factor, then by case.
     - gain_margins: if true, gain margins are computed in every case, and Ms is not computed. By default Ms is computed
@@ -553,7 +537,6 @@ def margins_at(
 
 
 def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
-    """Approximate phase margin, delay margin and gain margins of a stable loop, from a grid of frequencies."""
     low, high = loop.feature_band()
     omega = np.geomspace(low, high, _ROUGH_GRID)
     response = loop.response(omega)
@@ -571,18 +554,15 @@ def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
 
 
 def _at_zero(values: Floats, others: Floats, at: Any) -> Floats:
-    """Interpolate `others` linearly to the zeros of `values`, which are between samples `at` and `at + 1`."""
     share = values[at] / (values[at] - values[at + 1])
     return np.asarray(others[at] + share * (others[at + 1] - others[at]))
 
 
 def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
-    """Plant and actuator of a case."""
     return points.plants[int(points.plant[index])], points.actuators[int(points.actuator[index])]
 
 
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
-    """Margins of a discrete controller, computed one case after the other: all at operating points, else only Ms."""
     columns = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
     for index in range(len(points)):
         plant, actuator = _of(points, index)

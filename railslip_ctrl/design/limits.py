@@ -1,18 +1,10 @@
 """Limits of performance for any controller, which follow from the plant alone, and the control effort of a controller.
 
-The limits are of two kinds. *Theorems* hold for every stabilising linear controller, or for every controller of a given
-structure. *Rules of thumb* give the range of a suitable crossover.
-
-The lower bound of Mt and Ms follows from the unstable poles p_i, the unstable zeros z_i and the dead time tau. The
-sensitivity S is 0 at the poles. The complementary sensitivity T contains the dead time and is 0 at the zeros. Therefore
-S = B_p S~ and T = exp(-tau s) B_z T~ with all-pass functions B_p and B_z and stable S~ and T~. S + T = 1 then gives T~
-at the p_i. The smallest possible peak of |T| is the Nevanlinna-Pick bound gamma: gamma^2 is the largest eigenvalue of
-A^-1 W A W^*, where A_ij = 1/(p_i + conj p_j) and W = diag(exp(tau p_i)/B_z(p_i)). For one real pole p, gamma is
-exp(p tau) times the factor |(z + p)/(z - p)| of each zero z ([Astrom2021] 14.4).
-
-The bound of Ms is the same number gamma, which is sharper than Ms >= Mt - 1. By commutant lifting ([Sarason1967]) the
-smallest peak of |S| and that of |T| are both 1/sin of an angle: the angle between the subspaces of H2 that are
-orthogonal to B_p H2 and to exp(-tau s) B_z H2.
+The lower bound gamma of Mt and Ms follows from the unstable poles p_i, the unstable zeros z_i and the dead time tau. It
+is the Nevanlinna-Pick bound: gamma^2 is the largest eigenvalue of A^-1 W A W^*, where A_ij = 1/(p_i + conj p_j) and W =
+diag(exp(tau p_i)/B_z(p_i)), with the all-pass function B_z of the zeros. For one real pole p, gamma is exp(p tau) times
+the factor |(z + p)/(z - p)| of each zero z ([Astrom2021] 14.4). Ms and Mt have the same bound by commutant lifting
+([Sarason1967]).
 """
 
 from __future__ import annotations
@@ -30,7 +22,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes
 
-# Relative distance below which unstable poles count as one. Fewer conditions give a lower, still valid bound.
+# Relative distance below which unstable poles are replaced by one pole, which gives a lower, still valid bound.
 _DISTINCT = 1e-3
 _FASTEST = 300.0  # largest unstable pole times dead time; exp(2 x 300) is in the range of doubles
 # Default of the largest phase lag of the all-pass part: phase margin 45 deg at a slope of -1/2 ([Astrom2021] 14.3).
@@ -41,9 +33,9 @@ _ALLOWED_LAG_DEG = 90.0
 class StructureLimit:
     """Limits of a PI or PI-lead: a theorem for plants with one unstable real pole and no unstable zero.
 
-    A PI only adds phase lag. Its phase margin is therefore at most the plant's largest phase above -180 deg, and
-    Ms >= |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover. The "PI-lead" of this theorem cancels the whole lag
-    of the actuator, without a filter.
+    A PI only adds phase lag. Its phase margin is therefore at most the plant's largest phase above -180 deg, and Ms >=
+    |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover. The "PI-lead" of this theorem cancels the whole lag of
+    the actuator, without a filter.
 
     - structure: "PI" or "PI-lead".
     - phase_deg: upper bound of the phase margin, deg, <= 0 if no controller of the structure stabilises.
@@ -58,7 +50,7 @@ class StructureLimit:
 
     @property
     def feasible(self) -> bool:
-        """False if no controller of the structure stabilises; if True, one may or may not exist."""
+        """False if it is proved that no controller of the structure stabilises."""
         return self.phase_deg > 0
 
 
@@ -69,20 +61,17 @@ class Limits:
     - unstable_poles, unstable_zeros: plant poles and zeros with positive real part, 1/s.
     - unstable_pole: largest real part p among the poles, 1/s; 0 if the plant is stable.
     - doubling_time: ln 2/p, s; inf if the plant is stable.
-    - actuator_product: p (tau + T). Theorem: a PI stabilises the plant k/(s - p) with lag and dead time only if this
-      product is < 1, because atan(omega/p) must exceed atan(T omega) + tau omega at some omega. For other plants see
-      `StructureLimit`.
-    - mt_bound, ms_bound: lower bounds of Mt and Ms for any controller, >= 1; theorem, see the module.
+    - actuator_product: p (tau + T). A PI stabilises the plant k/(s - p) with lag and dead time only if this product is
+      < 1. For other plants see `StructureLimit`.
+    - mt_bound, ms_bound: lower bounds of Mt and Ms for any controller, >= 1.
     - bode_integral: integral of ln|S| over omega from 0 to infinity, rad/s: pi times the sum of the real parts of the
-      unstable poles. Theorem for a loop L that falls faster than 1/s, or as 1/s with dead time ([Astrom2021] 14.2).
-    - crossover_range: lowest and highest gain crossover, rad/s, with which the phase lag of the all-pass part of the
-      plant, 2 sum atan(p_i/omega) + tau omega + 2 sum atan(omega/z_i), is at most `allowed_lag_deg`; None if there is
-      none. Rule of thumb: the gain crossover frequency inequality ([Astrom2021] 14.3). A lag of 90 deg leaves a phase
-      margin of 45 deg if |L| falls as omega^(-1/2) at the crossover. With one unstable pole alone, or with dead time
-      alone, the rule is omega > p, or omega < pi/(2 tau).
-    - allowed_lag_deg: largest phase lag in this rule, deg.
-    - pi, pi_lead: limits of the two structures; None if their theorem does not apply (not exactly one unstable real
-      pole, or unstable zeros).
+      unstable poles, for a loop L that falls faster than 1/s, or as 1/s with dead time ([Astrom2021] 14.2).
+    - crossover_range: lowest and highest suitable gain crossover, rad/s, by the gain crossover frequency inequality, a
+      rule of thumb ([Astrom2021] 14.3): the phase lag of the all-pass part of the plant, 2 sum atan(p_i/omega) + tau
+      omega + 2 sum atan(omega/z_i), is at most `allowed_lag_deg`. None if no frequency meets the rule.
+    - allowed_lag_deg: largest phase lag in this rule, deg. With 90 deg the phase margin is 45 deg if |L| falls as
+      omega^(-1/2) at the crossover.
+    - pi, pi_lead: limits of the two structures; None if their theorem does not apply.
     """
 
     unstable_poles: tuple[complex, ...]
@@ -103,9 +92,8 @@ class Limits:
     def longest_dead_time(self, ms: float) -> float:
         """Return the dead time, s, above which no linear controller has a peak |S| of at most `ms`, a ratio > 1.
 
-        With one unstable real pole p and no unstable zero it is ln(ms)/p, which is the doubling time for `ms` = 2. It
-        is inf for a stable plant, and 0 if unstable zeros make the peak larger than `ms` even without dead time.
-        InputError unless `ms` > 1.
+        With one unstable real pole p and no unstable zero it is ln(ms)/p. It is inf for a stable plant, and 0 if
+        unstable zeros make the peak larger than `ms` even without dead time. InputError unless `ms` > 1.
         """
         number("ms", ms, gt=1)
         poles, zeros = np.array(self.unstable_poles), np.array(self.unstable_zeros)
@@ -134,8 +122,7 @@ def fundamental_limits(
     - lag: lag of the actuator, s, >= 0, which a PI-lead can cancel. If it is > 0, -1/lag must be a pole of `plant`.
     - allowed_lag_deg: largest phase lag in the rule on the crossover, deg, in (0, 180).
 
-    Returns bounds for any controller, for a PI and for a PI-lead, SI and deg. InputError: another kind of system, a
-    number out of its range, or a lag that is not in the plant.
+    InputError: another kind of system, a number out of its range, or a lag that is not in the plant.
     """
     plant = Rational.from_control(plant, "plant")
     number("dead time", dead_time, "s", ge=0)
@@ -167,11 +154,8 @@ def fundamental_limits(
 def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:
     """Return the lower bound, >= 1, of Ms and Mt over all stabilising controllers; see the module for the theorem.
 
-    - poles, zeros: poles and zeros with positive real part, 1/s, conjugates included.
-    - dead_time: dead time, s.
-
-    Poles that almost coincide count as one pole, which can only lower the bound. The bound is inf if a pole equals a
-    zero, because no controller stabilises such a plant.
+    `poles` and `zeros`, 1/s, have positive real parts and include conjugates; `dead_time` is in s. The bound is inf if
+    a pole equals a zero, because no controller stabilises such a plant.
     """
     poles = _distinct(np.asarray(poles, dtype=complex))
     if poles.size == 0:
@@ -215,11 +199,6 @@ def _without_lag(plant: Rational, lag: float) -> Rational:
 def _crossover_range(
     poles: Complexes, zeros: Complexes, dead_time: float, allowed: float
 ) -> tuple[float, float] | None:
-    """Return the interval of frequencies, rad/s, on which the lag of the all-pass part is at most `allowed`, rad.
-
-    It contains the frequency of the smallest lag. None if the lag is larger everywhere.
-    """
-
     def lag_of(omega: Floats) -> Floats:
         w = omega[..., None]
         from_poles = np.sum(np.pi - 2 * np.arctan2(w - poles.imag, poles.real), axis=-1)
@@ -245,10 +224,6 @@ def _crossover_range(
 
 
 def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float) -> StructureLimit | None:
-    """Return the limits of a PI, from the largest phase of plant and dead time; None if the theorem does not apply.
-
-    `peak` is the lower bound of Ms for any controller.
-    """
     unstable = plant.poles[plant.poles.real >= 0]
     if unstable.size != 1 or unstable[0].real == 0 or np.any(plant.zeros.real >= 0) or plant.gain == 0:
         return None
@@ -266,9 +241,6 @@ def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float)
     return StructureLimit(structure, math.degrees(most), float(omega[0]), max(peak, bound))
 
 
-# --- control effort: noise on the torque command, and the peak rate of the acting torque ------------------------------
-
-
 SAMPLING_PERIOD = 0.005  #: s; measurement noise is white up to the Nyquist frequency of this period, 628 rad/s
 
 _HORIZON = 20.0  # s, duration of the responses; the peak rates occur in the first seconds
@@ -284,12 +256,11 @@ class Effort:
     - high_frequency_gain: gain of the controller at infinite frequency, |C(j infinity)|, N*m/(m/s).
     - noise_gain: ratio of the standard deviation of the commanded torque to that of the measurement noise, N*m/(m/s).
       The noise is white up to the Nyquist frequency w, and the ratio is sqrt(1/w * integral over 0..w of |C S|^2).
-    - reference_rate: largest |rate| of the acting torque (after dead time and lag), N*m/s, after a step of 1 km/h of
-      the reference or of the measured slip velocity.
+    - reference_rate: largest |rate| of the acting torque, N*m/s, after a step of 1 km/h of the reference.
     - disturbance_rate: largest |rate| of the acting torque, N*m/s, after an impulse of torque at the wheel that changes
       the slip velocity by 1 km/h.
 
-    Both rates are inf if the actuator has no lag and `high_frequency_gain` is not 0.
+    The rates are inf if the actuator has no lag and `high_frequency_gain` is not 0.
     """
 
     high_frequency_gain: float
@@ -301,15 +272,12 @@ class Effort:
 def control_effort(
     controller: Any, plant: Any, dead_time: float, *, lag: float, sampling_period: float = SAMPLING_PERIOD
 ) -> Effort:
-    """Return the control effort of a controller C(s) in a loop that is known to be stable.
+    """Return the control effort of a controller in a loop that is known to be stable.
 
     - controller: linear system, or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity.
-    - plant: linear system from commanded torque to -e (e is the slip error), with the actuator's lag and without its
-      dead time; `actuated_plant` returns it.
+    - plant: linear system from commanded torque to -e, where e is the slip error, without the actuator's dead time.
     - dead_time, lag: dead time and lag of the actuator, s, >= 0.
     - sampling_period: sampling period of the noisy measurement, s, > 0.
-
-    InputError: an argument of wrong type or out of its range.
     """
     number("dead time", dead_time, "s", ge=0)
     number("lag", lag, "s", ge=0)
@@ -329,11 +297,8 @@ def control_effort(
     noise = math.sqrt(float(np.mean(np.abs(torque(1j * omega)) ** 2)))
     wheel_gain = plant.gain * (lag or 1.0)
 
+    # s times the slip velocity after a torque impulse that changes it by 1 m/s, without feedback
     def wheel(s: Any) -> Complexes:
-        """Return s times the Laplace transform of the slip velocity after a torque impulse that changes it by 1 m/s.
-
-        Only the wheel responds; the controller is not active.
-        """
         return np.asarray(plant(s) * (lag * s + 1) * s / wheel_gain)
 
     reference = _peak_rate(torque, lag, at_once)
@@ -344,11 +309,11 @@ def control_effort(
 def _peak_rate(torque: Callable[[Any], Complexes], lag: float, at_once: float) -> float:
     """Return the largest |r(t)| for t >= 0, where r(t) has the Laplace transform torque(s)/(lag s + 1).
 
-    `at_once` is the limit of torque(s) at infinity, so that r(0) = at_once/lag. The inverse transform is a Fourier
-    series of exp(-c t) r(t); the part that falls as 1/s is added in closed form.
+    `at_once` is the limit of torque(s) at infinity.
     """
     if lag == 0 and at_once != 0:
         return math.inf
+    # a Fourier series of exp(-shift t) r(t); the term of r that falls as 1/s is added in closed form
     jump = at_once / (lag or 1.0)
     count = round(_HORIZON / _TIME_STEP)
     shift = 12.0 / _HORIZON  # aliasing from times after the horizon is damped by exp(-12)

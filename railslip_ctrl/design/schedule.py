@@ -62,16 +62,16 @@ def schedule_gains(
     lead: float = 0.0,
     lead_filter: float = 0.0,
 ) -> GainSchedule:
-    """Tune a PI at each speed and rail, for the empty and the loaded vehicle, and return the gain schedule.
+    """Tune a PI at each speed and rail for the empty and the loaded vehicle, with the largest ki.
 
     - speeds_kmh: speeds of the entries of the schedule, km/h.
     - law: name of a published law with a reference slip.
     - vehicle: quarter car with its empty and loaded mass.
     - rails: rail conditions.
-    - ms_max: largest Ms at the entries, a ratio, > 1; ki is maximised. Between entries Ms may be slightly larger.
+    - ms_max: largest Ms at the entries, a ratio, > 1. Between entries Ms may be slightly larger.
     - lead, lead_filter: time constants of a lead and its filter, common to all entries, s; 0 for none.
 
-    InfeasibleDesignError, with rail and speed, if no gains meet `ms_max` there; InputError without speeds.
+    InfeasibleDesignError if no gains meet `ms_max` at a speed; InputError without speeds.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     actuator = vehicle.actuator
@@ -89,7 +89,7 @@ def schedule_gains(
 
 
 def _checked(draft: GainSchedule, law: str, vehicle: Vehicle) -> GainSchedule:
-    """Return a copy of the schedule that states its worst Ms, also between the entries, and its lowest stable speed."""
+    """Return a copy of the schedule that has its worst Ms, also between the entries, and its lowest stable speed."""
 
     def loops(rail: Rail, speed_kmh: float) -> list[DeadTimeLoop]:
         controller = draft.controller(speed_kmh * KMH, rail)
@@ -121,14 +121,11 @@ def lowest_held_speed(
     ms_max: float = math.inf,
     low_kmh: float = _LOWEST_KMH,
 ) -> float:
-    """Return the lowest speed, km/h, such that the loop is stable with Ms <= `ms_max` from there up to 100 km/h.
+    """Return the lowest speed, km/h, from which up to 100 km/h the loop is stable with Ms <= `ms_max`.
 
-    - plant: function of the speed, km/h, that returns the linear plant.
-    - controller, actuator: the other parts of the loop.
-    - ms_max: largest Ms, a ratio; by default only stability is required.
-    - low_kmh: lower end of the search, km/h; the result is not lower.
-
-    InfeasibleDesignError if the loop is unstable, or has a larger Ms, at 100 km/h.
+    `plant` returns the linear plant at a speed, km/h. `low_kmh` is the lower end of the search, km/h. By default
+    `ms_max` is infinite, and only stability is required. InfeasibleDesignError if the requirement is not met at 100
+    km/h.
     """
 
     def stable(speed_kmh: float) -> bool:
@@ -143,11 +140,8 @@ def lowest_stabilisable_speed(
 ) -> float:
     """Return the lowest speed, km/h, from which up to 100 km/h some PI stabilises the loop at each speed.
 
-    The search ends at 0.5 km/h. Each speed has its own exact set of stabilising gains.
-
-    - plant: function of the speed, km/h, that returns the linear plant.
-    - actuator: dead time and lag of the brake.
-    - lead, lead_filter: time constants of a lead in series with the PI, s; 0 for none.
+    `plant` returns the linear plant at a speed, km/h. `lead` and `lead_filter` are the time constants, s, of a lead in
+    series with the PI; 0 for none. The search ends at 0.5 km/h.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
 
@@ -159,7 +153,6 @@ def lowest_stabilisable_speed(
 
 
 def _lowest(holds: Callable[[float], bool], low: float, high: float, message: str) -> float:
-    """Return the lowest speed from which up to `high` the condition `holds` is true; `low` if it is true everywhere."""
     if not holds(high):
         raise InfeasibleDesignError(f"{message} at {high:g} km/h; lower the upper speed or change the design")
     grid = np.geomspace(high, low, 60)
@@ -171,9 +164,6 @@ def _lowest(holds: Callable[[float], bool], low: float, high: float, message: st
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if holds(middle) else (good, middle)
     return good
-
-
-# --- margins along one axis: speed, or slip through the adhesion peak -------------------------------------------------
 
 
 Controller = Any
@@ -207,12 +197,10 @@ def sweep_speed(
     vehicle: Vehicle = PARK2008,
     initial_speed_kmh: float = INITIAL_SPEED_KMH,
 ) -> MarginSweep:
-    """Return the margins of controllers over train speed at the reference slip of an adhesion law.
+    """Return the margins of controllers over train speed, at the reference slip of a published adhesion law.
 
-    - controllers: mapping from names to linear controllers, or to functions of the speed, km/h, that return one.
-    - speeds_kmh: train speeds, km/h.
-    - law, rail, initial_speed_kmh: name, rail condition and v0 (km/h) of the published law.
-    - vehicle: quarter car.
+    `controllers` has linear controllers by name, or functions of the speed, km/h, that return one. `initial_speed_kmh`
+    is v0 of the law, km/h.
     """
     plants = [plant_at(law, vehicle, rail, speed, initial_speed_kmh) for speed in speeds_kmh]
     slip = plants[0].point.slip if plants else math.nan
@@ -232,11 +220,8 @@ def sweep_slip(
 ) -> MarginSweep:
     """Return the margins of controllers over slip ratio at one train speed, also beyond the adhesion peak.
 
-    - controllers: mapping from names to linear controllers, or to functions of the slip ratio that return one.
-    - slips: slip ratios.
-    - law, rail, initial_speed_kmh: name, rail condition and v0 (km/h) of the published law.
-    - speed_kmh: train speed, km/h.
-    - vehicle: quarter car.
+    `controllers` has linear controllers by name, or functions of the slip ratio that return one. The law is a published
+    one with v0 `initial_speed_kmh`, km/h.
     """
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     plants = [linearize(operating_point(adhesion, vehicle, speed_kmh * KMH, slip, rail=rail)) for slip in slips]

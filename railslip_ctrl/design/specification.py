@@ -31,7 +31,7 @@ class Specification:
     - ms_max: largest Ms, a ratio, > 1.
     - phase_min_deg: smallest phase margin, deg, 0 to 180.
     - delay_min_s: smallest delay margin, s, >= 0.
-    - crossover: lowest and highest allowed frequency of the gain crossover with the smallest phase margin, rad/s.
+    - crossover: lowest and highest frequency, rad/s, of the gain crossover that has the smallest phase margin.
 
     InputError: a value of wrong type or out of its range.
     """
@@ -54,7 +54,7 @@ class Specification:
 
     @property
     def only_ms(self) -> bool:
-        """True if there is no requirement besides Ms."""
+        """True if only Ms is limited, or nothing."""
         return self.phase_min_deg is None and self.delay_min_s is None and self.crossover is None
 
     @property
@@ -72,12 +72,9 @@ class Specification:
         return ", ".join(parts)
 
 
-# --- many plants under one controller ---------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Worst:
-    """Worst value of each margin over several stable loops, and the index of the loop that has this value."""
+    """Worst value of each margin over several stable loops, and the index of the loop with this value."""
 
     ms: float
     ms_member: int
@@ -88,10 +85,9 @@ class Worst:
 
 
 def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, peaks: bool = True) -> BatchMargins:
-    """Return the margins of loops, which may have different numbers of poles, in their order; NaN if unstable.
+    """Return the margins of loops in their order; NaN for an unstable loop.
 
-    To save time, gain margins are not computed if `gain_margins` is false, and Ms, Mt and disk margin not if `peaks` is
-    false; these values are then NaN.
+    Gain margins are NaN if `gain_margins` is false. Ms, Mt and disk margin are NaN if `peaks` is false.
     """
     columns: dict[str, np.ndarray] = {f.name: np.full(len(loops), np.nan) for f in fields(BatchMargins)}
     groups: dict[tuple[int, int], list[int]] = {}

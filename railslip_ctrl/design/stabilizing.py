@@ -1,11 +1,8 @@
 """Exact set of (kp, ki) for which a PI, or a PID with fixed derivative part, stabilises a plant with dead time.
 
 The boundaries come from the D-decomposition (`decomposition`); the exact root count decides which cells between them
-are stable ([Gryazina2008]; [Silva2005] has first-order plants in closed form).
-
-Ball arithmetic certifies results, for a root count or for a whole rectangle of gains. A pole at j omega needs
-ki + j omega kp = R(omega) with R = -j omega/P(j omega), which is one pair of gains for each frequency. If this pair is
-outside the rectangle at every omega > 0, and one point of the rectangle is stable, all its points are stable.
+are stable ([Gryazina2008]; [Silva2005] has first-order plants in closed form). On request ball arithmetic proves that
+gains stabilise.
 """
 
 from __future__ import annotations
@@ -42,11 +39,9 @@ from .decomposition import (
 )
 from .specification import family_margins
 
-# --- certainty, in ball arithmetic ------------------------------------------------------------------------------------
-
 _BITS = 80  # precision of ball arithmetic, bits
 _OUTWARD = 16.0  # factor by which the ends of the frequency band move outward until a bound holds beyond them
-_MOST_PARTS = 5_000  # largest number of parts of the frequency band
+_MOST_PARTS = 5_000  # largest number of intervals into which the frequency band is divided
 
 
 def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
@@ -59,6 +54,7 @@ def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
 
 def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: Interval) -> bool:
     """Return True if it is proved that no gains in a closed rectangle put a closed-loop pole on the imaginary axis."""
+    # a pole at j omega needs ki + j omega kp = R(omega) with R = -j omega/P(j omega)
     integrated = Response(plant * Rational(np.array([]), np.array([0.0]), 1.0), dead_time)
     with ctx.workprec(_BITS):
         band = _band(Response(plant, dead_time), integrated, kp, ki)
@@ -66,13 +62,9 @@ def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: 
 
 
 def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> Interval | None:
-    """Return a frequency band, rad/s, outside of which no gains in the rectangle put a pole on the imaginary axis.
-
-    Below the band |R| = 1/|P/s| < ki, above it |P| (|kp| + ki/omega) < 1; both left sides are monotone there. None if
-    no such band is found.
-    """
     low, high = _ends(integrated)[0], _ends(plant)[1]
     most = max(abs(kp[0]), abs(kp[1]))
+    # outside the band |R| < ki or |P| (|kp| + ki/omega) < 1; both left sides are monotone there
     for _ in range(60):
         below = 1 / abs(integrated.exact.value(arb(low))[0]) < ki[0]
         size = abs(plant.exact.value(arb(high))[0])
@@ -84,7 +76,6 @@ def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> 
 
 
 def _ends(response: Response) -> Interval:
-    """Return a frequency below and a frequency above all turning points, jumps and zeros of |L|."""
     roots = np.concatenate([response.system.zeros, response.system.poles])
     omega = [float(w.mid()) for w, _ in ExactLoop(response.system, response.dead_time).frequencies(SIZE)]
     omega += np.abs(roots[roots != 0]).tolist()
@@ -92,7 +83,6 @@ def _ends(response: Response) -> Interval:
 
 
 def _keeps_out(integrated: Response, low: float, high: float, kp: Interval, ki: Interval) -> bool:
-    """Return True if it is proved that the gains for R are outside the rectangle between two frequencies, rad/s."""
     left, parts = [(low, high)], 0
     while left:
         a, b = left.pop()
@@ -106,21 +96,18 @@ def _keeps_out(integrated: Response, low: float, high: float, kp: Interval, ki: 
 
 
 def _outside(integrated: Response, low: float, middle: float, high: float, kp: Interval, ki: Interval) -> bool:
-    """Return True if a disc that contains R from `low` to `high`, rad/s, has no gains in the rectangle."""
     value, slope = integrated.exact.value(arb(middle))
     half = arb(max(high - middle, middle - low)) * (1 + arb(2) ** -50)
     r = -1 / value
     # bound of |d^2 ln L/d omega^2|, a sum of positive terms in doubles
     bend = arb(float(integrated.bend(np.array([low]), np.array([high]))[0]) * (1 + 1e-12))
+    # a disc around r with this radius contains R between the two frequencies
     radius = abs(r) * (half * abs(slope) + half * half / 2 * bend).expm1()
     if not radius.is_finite():
         return False
     beside = r.real + radius < ki[0] or r.real - radius > ki[1]
     below = r.imag + radius < min(kp[0] * low, kp[0] * high)
     return bool(beside or below or r.imag - radius > max(kp[1] * low, kp[1] * high))
-
-
-# --- regions ----------------------------------------------------------------------------------------------------------
 
 
 class Region(ABC):
@@ -141,23 +128,19 @@ class Region(ABC):
 
     @abstractmethod
     def contains(self, kp: float, ki: float) -> bool:
-        """Return True if (kp, ki) stabilises, by the exact root count; ki = 0 is P control. False on the boundary.
-
-        InputError for a gain that is not finite.
-        """
+        """Return True if (kp, ki) stabilises; ki = 0 is P control. InputError for a gain that is not finite."""
 
     def certified_contains(self, kp: float, ki: float) -> bool:
-        """Return True if (kp, ki) stabilises, with every step of the root count in ball arithmetic; see `contains`."""
+        """Return True if ball arithmetic proves that (kp, ki) stabilises."""
         responses = [Response(loop.system, loop.dead_time) for loop in self.loops(kp, ki)]
         return ki >= 0 and all(root_count(response, certain=True).stable for response in responses)
 
     @abstractmethod
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
-        """Return True if ball arithmetic shows that all gains of a closed rectangle stabilise.
+        """Return True if ball arithmetic proves that all gains of a closed rectangle stabilise.
 
-        - kp, ki: lowest and highest gain of the rectangle; ki > 0.
-
-        InputError for ends that are not finite or not ascending.
+        `kp` and `ki` are the lowest and highest gains of the rectangle; ki > 0. InputError for ends that are not finite
+        or not ascending, and for a PID with a derivative part.
         """
 
     @abstractmethod
@@ -171,7 +154,7 @@ class Region(ABC):
 
     @property
     def kp_range(self) -> Interval | None:
-        """Lowest and highest end of `kp_intervals`; None, with `reason`, if there are no intervals."""
+        """Lowest and highest end of `kp_intervals`; None if there are no intervals."""
         intervals = self.kp_intervals
         return (intervals[0][0], intervals[-1][1]) if intervals else None
 
@@ -192,7 +175,7 @@ class Region(ABC):
         - chosen: gains to mark, by name: (kp, ki) in the region's units.
         - kp_limit, ki_limit: largest gains to draw, > 0, in the region's units.
 
-        Errors are those of `region_map`.
+        InputError for an empty region, and for an unbounded region without a limit.
         """
         strips, grid = region_map(self, kp_limit, ki_limit)
         plots = import_module("railslip_ctrl.report.plots")  # a package that imports this one
@@ -228,12 +211,6 @@ class StabilizingRegion(Region):
         return ki >= 0 and self._count(kp, ki).stable
 
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
-        """Return True if ball arithmetic shows that all gains of a closed rectangle stabilise; see `Region`.
-
-        - kp, ki: lowest and highest gain of the rectangle; ki > 0.
-
-        InputError as for `Region`, and for a PID with a derivative part.
-        """
         if self.decomposition.derivative_filter:
             raise InputError(
                 "certified rectangle: a PID with a derivative part is not supported; use certified_contains"
@@ -249,15 +226,12 @@ class StabilizingRegion(Region):
 
     @cached_property
     def p_intervals(self) -> Intervals:
-        """Open intervals of kp that stabilise with ki = 0, ascending; some may stabilise with no ki > 0."""
+        """Open intervals of kp that stabilise with ki = 0, ascending."""
         return stable_intervals(self._critical, self._reference_gain, lambda kp: self._count(kp, 0.0), signed=True)
 
     @cached_property
     def is_empty(self) -> bool:
-        """True if no gains stabilise.
-
-        If it is False and `kp_range` is None, only ki = 0 or values of ki above a positive limit stabilise.
-        """
+        """True if no gains stabilise, neither with ki = 0 nor with any ki > 0."""
         return not self.p_intervals and self._island is None
 
     def ki_intervals(self, kp: float) -> Intervals:
@@ -294,8 +268,6 @@ class StabilizingRegion(Region):
             )
         return f"{reason}; no PI can: add a lead, or reduce the dead time or the lags"
 
-    # -- internals ----------------------------------------------------------------------------------------
-
     def _count(self, kp: float, ki: float) -> RootCount:
         return count_right_of(self.decomposition.controller(kp, ki) * self.plant, self.dead_time)
 
@@ -305,37 +277,28 @@ class StabilizingRegion(Region):
 
     @cached_property
     def _reference_frequency(self) -> float:
-        """Geometric mean of the magnitudes of the plant's poles and zeros, rad/s; a scale for unbounded intervals."""
         sizes = np.abs(np.concatenate([self.plant.poles, self.plant.zeros]))
         sizes = sizes[sizes > 0]
         return float(np.exp(np.log(sizes).mean())) if sizes.size else 1.0
 
     @cached_property
     def _reference_gain(self) -> float:
-        """Value of 1/|P| near the reference frequency."""
         inverse = np.abs(self.decomposition.inverse(self._reference_frequency * np.array([0.83, 1.0, 1.21])))
         usable = inverse[np.isfinite(inverse) & (inverse > 0)]
         return float(usable.min()) if usable.size else 1.0
 
     @cached_property
     def _hidden(self) -> Complexes:
-        """Poles with real part >= 0 that a zero of the plant cancels exactly."""
         common = np.intersect1d(self.plant.zeros, self.plant.poles)
         return np.asarray(common[common.real >= 0], dtype=np.complex128)
 
     @cached_property
     def _sign_at_origin(self) -> float:
-        """Sign of N(0), where N/D is the plant and D is monic."""
         zeros = self.plant.zeros
         return float(np.sign(self.plant.gain) * np.prod(np.sign(-zeros[zeros.imag == 0].real)))
 
     def _integral_allowed(self, kp: float) -> bool:
-        """Return False if no ki > 0 stabilises at this kp, because a real pole is unstable with every ki.
-
-        On the real axis the characteristic function s D + (kp s + ki) N exp(-tau s) is ki N(0) at the origin and has
-        the sign of 1 + kp P(inf) for large s. If the two signs differ, it is 0 at some s > 0. This also holds with a
-        derivative part.
-        """
+        # with opposite signs at s = 0 and at infinity the characteristic function has a positive real root
         far = 1.0 + self.decomposition.gain_at_infinity(kp)
         return bool(self._sign_at_origin * far > 0)
 
@@ -362,11 +325,7 @@ class StabilizingRegion(Region):
 
     @cached_property
     def _island(self) -> tuple[float, Interval] | None:
-        """Find a kp for which some ki stabilises although small ki does not; None if there is none.
-
-        The values of kp at which the boundary meets ki = 0 or has a turning point divide the kp axis into intervals.
-        One kp in each interval is tried.
-        """
+        """Find a kp for which some ki stabilises although small ki does not; None if there is none."""
         turns = self.decomposition.turning_points
         edges = np.unique([e for e in [*self._edges_of_kp(), *self.decomposition.curve(turns)[0]] if math.isfinite(e)])
         for kp in probes_between([-math.inf, *edges.tolist(), math.inf], self._reference_gain):
@@ -423,19 +382,17 @@ class IntersectionRegion(Region):
 def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     """Return all (kp, ki) with ki >= 0 for which kp + ki/s stabilises plant(s) exp(-dead_time s), negative feedback.
 
-    The loop is L(s) = (kp + ki/s) P(s) exp(-dead_time s), and a gain stabilises if 1 + L has no root with real part
-    >= 0, with exact dead time ([Gryazina2008]; [WaltonMarshall1987]). For the wheel's plant, from brake torque to
-    sigma, P > 0 at high frequency, and kp and ki are those of Tb = kp e + ki integral(e), e = sigma_d - sigma
-    ([Park2008] (3), Table 4). For a plant of opposite sign kp < 0.
+    A gain stabilises if 1 + (kp + ki/s) P(s) exp(-dead_time s) has no root with real part >= 0 ([Gryazina2008];
+    [WaltonMarshall1987]). For the wheel, from brake torque to sigma, kp and ki are those of Tb = kp e + ki integral(e),
+    e = sigma_d - sigma ([Park2008] (3), Table 4). For a plant of opposite sign kp < 0.
 
     - plant: P(s), the transfer function from controller output to controlled variable, with the actuator's lag and
       without the dead time: python-control TransferFunction or StateSpace, `Rational`, or a real number. Units are
       free, with time in s. It is SISO and may be unstable; with dead time it must be strictly proper.
     - dead_time: dead time, s, >= 0.
 
-    Returns the whole set, which is open: kp is in units of the plant's input over its output, ki in the unit of kp per
-    second. If it is empty, `kp_range` is None, and `reason` states why. InputError: the plant or the dead time is not
-    of this form.
+    Returns the set, with kp in units of the plant's input over its output and ki in the unit of kp per second. If it is
+    empty, `kp_range` is None, and `reason` states why. InputError: another kind of plant or dead time.
     """
     return _region(plant, dead_time)
 
@@ -456,7 +413,7 @@ def stabilizing_pid(
     - plant, dead_time: as for `stabilizing_pi`.
     - derivative_filter: Tf, s, > 0.
     - derivative_time: Td, s, >= 0; kd is then Td kp for every kp.
-    - derivative_gain: kd, of either sign, in units of kp times s; kd is then the same for every kp.
+    - derivative_gain: kd, of either sign, in units of kp times s.
 
     InputError: both or neither of derivative time and gain, or a value outside its range.
     """
@@ -498,9 +455,6 @@ def _region(plant: Any, dead_time: float, **derivative: float) -> StabilizingReg
     return StabilizingRegion(Decomposition(loop.system, loop.dead_time, **derivative))
 
 
-# --- maps: the outline over kp, margins over a grid of gains ----------------------------------------------------------
-
-
 _GRID = 50, 40  # points of kp and ki; contours have no visible corners
 _COLUMNS = 120  # columns of an outline
 _BISECTIONS = 40  # bisections for the end of a strip, from the column spacing to rounding
@@ -530,14 +484,12 @@ class Strip:
 
 @dataclass(frozen=True)
 class MarginGrid:
-    """Worst margins over all plants of a region, on a grid of gains.
+    """Worst margins over all plants of a region, on a grid of gains; NaN outside the region.
 
     - kp, ki: values of the grid, arrays of shape (m,) and (n,), in the region's units.
     - ms: largest Ms, a ratio, shape (m, n).
     - phase_deg: smallest magnitude of the phase margin, deg, shape (m, n).
     - delay_s: smallest delay margin, s, shape (m, n).
-
-    Margins are NaN outside the region.
     """
 
     kp: Floats
@@ -555,12 +507,9 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
     - kp_limit, ki_limit: largest gains, > 0, in the region's units; by default there is no limit. A strip that
       continues beyond a limit is cut and marked.
 
-    The values of kp are denser at the ends of `region.kp_range`. Where the number of intervals of ki differs between
-    two neighbouring values, the kp of the change is found by bisection. A part of the region that lies between two
-    neighbouring values is not found; `Region.contains` is exact.
-
-    Returns the strips; the result is empty for an empty region. `ki_high` is inf where ki is unbounded and there is no
-    `ki_limit`. InputError: the region is unbounded in kp, and no limit is given; a limit is not > 0.
+    A strip that lies between two neighbouring values of kp is not found; `Region.contains` is exact. `ki_high` is inf
+    where ki is unbounded and there is no `ki_limit`. InputError: the region is unbounded in kp, and no limit is given;
+    a limit is not > 0.
     """
     for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
         if not limit > 0:
@@ -585,7 +534,7 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
 
 @checked
 def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
-    """Return the exact margins at each pair of gains of a grid; see `MarginGrid`.
+    """Return the exact margins at each pair of gains of a grid.
 
     - region: stabilising gains of one or several plants.
     - kp: values of the grid, 1-D, in units of the plant's input over its output.
@@ -612,10 +561,7 @@ def region_map(
 ) -> tuple[tuple[Strip, ...], MarginGrid]:
     """Return the `outline` of a region, and the margins on a grid of gains that covers it.
 
-    - region: stabilising gains of one or several plants.
-    - kp_limit, ki_limit: largest gains to draw, > 0, in the region's units; by default the whole region.
-
-    InputError for an empty region, with the reason, and for an unbounded region without a limit.
+    The arguments are those of `outline`. InputError for an empty region, and for an unbounded region without a limit.
     """
     strips = outline(region, kp_limit=kp_limit, ki_limit=ki_limit)
     if not strips:
@@ -628,7 +574,6 @@ def region_map(
 
 
 def _strip(columns: Sequence[tuple[float, Intervals]], index: int, ki_limit: float) -> Strip:
-    """Return the strip that consists of interval number `index` of each column; a column is a kp with its intervals."""
     low, high = np.array([sets[index] for _, sets in columns]).T
     kp, ki_cut = np.array([x for x, _ in columns]), bool((high > ki_limit).any())
     return Strip(kp, np.minimum(low, ki_limit), np.minimum(high, ki_limit), ki_cut=ki_cut)
@@ -650,7 +595,6 @@ def _columns(region: Region, kp_limit: float) -> Floats:
 
 
 def _at_change_of_number(region: Region, left: float, right: float) -> dict[float, Intervals]:
-    """Return the two values of kp next to a change of the number of intervals of ki, each with its intervals."""
     columns = {x: region.ki_intervals(x) for x in (left, right)}
     for _ in range(_BISECTIONS):
         middle = 0.5 * (left + right)

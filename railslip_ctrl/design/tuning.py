@@ -65,7 +65,7 @@ def tune_pi(
     - crossover: lowest and highest gain crossover, rad/s; see `Specification`.
     - minimise_ms: if true, minimise the worst Ms under the other requirements; by default maximise ki. If all plants
       are stable, the smallest Ms belongs to gains of almost 0; then maximise ki with `ms_max` instead.
-    - ki_min: smallest ki, > 0, in the unit of kp per second, for `minimise_ms`; without it ki would become 0.
+    - ki_min: smallest ki, > 0, in the unit of kp per second, for `minimise_ms`.
     - compensator: python-control system, `Rational`, or a real number; a further transfer function in series with the
       PI, such as a lead.
     - names: names of the plants in messages; by default numbers.
@@ -74,9 +74,8 @@ def tune_pi(
     largest kp that stabilises with small ki. With a bound on Ms (up to 50) the search proves that no larger ki meets
     it; only a range of ki narrower than 4 % can be missed. Without a bound on Ms it tries values of ki 25 % apart.
 
-    Returns kp, in units of the plants' input over their output, ki, in the unit of kp per second, and the margins of
-    all plants. InfeasibleDesignError: no PI meets the specification; the message has the best achievable value.
-    InputError: no plants, an argument of wrong type, or a contradictory specification.
+    InfeasibleDesignError: no PI meets the specification; the message has the best achievable value. InputError: no
+    plants, an argument of wrong type, or a contradictory specification.
     """
     specification = Specification(ms_max, phase_min_deg, delay_min_s, crossover)
     systems = _systems(plants, compensator)
@@ -92,7 +91,6 @@ def tune_pi(
 
 
 def _tuned(family: Family, specification: Specification, ki_min: float | None) -> PIDesign:
-    """Return the design with the largest ki; if `ki_min` is given, the one with the smallest Ms and ki >= `ki_min`."""
     if ki_min is not None:
         kp, ki = least_ms(family, specification, number("ki_min", ki_min, gt=0))
     elif specification == Specification(crossover=specification.crossover):
@@ -164,9 +162,6 @@ def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:
     return values * count if len(values) == 1 else values
 
 
-# --- tuning at operating points, with the structures that the command offers ------------------------------------------
-
-
 _LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times of the first grid, relative to the actuator's lag
 
 
@@ -174,8 +169,7 @@ _LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times of the first 
 class TunedCases:
     """Specification for a kind of controller at some operating points, and the gains that were tuned, SI.
 
-    `design` has the gains; if no gains meet the specification it is None, and `reason` states why. `lead` and
-    `lead_filter` are the time constants, s, of the lead in series with the PI.
+    If no gains meet the specification, `design` is None, and `reason` states why. `lead` and `lead_filter` are in s.
     """
 
     kind: type[PI]
@@ -189,12 +183,10 @@ class TunedCases:
 
     @property
     def asked(self) -> str:
-        """What is maximised or minimised, and the specification, as text."""
         goal = "maximise ki" if self.ki_min is None else f"minimise Ms with ki >= {self.ki_min:g} N*m/m"
         return ", ".join(filter(None, [goal, self.specification.description]))
 
     def controller(self, design: PIDesign) -> PIController:
-        """Return the controller with the gains of `design` and the lead of these cases."""
         return PIController(PIGains(kp=design.kp, ki=design.ki), self.lead, self.lead_filter)
 
 
@@ -230,13 +222,11 @@ def tune_cases(
 
 
 def _searched(tuned: Callable[[float | None], TunedCases], lag: float) -> TunedCases:
-    """Return the result of `tuned` with the best derivative time of a PID, between 0.3 and 3 times `lag`."""
     from scipy.optimize import minimize_scalar
 
     tried: dict[float, TunedCases] = {}
 
     def cost(log_time: float) -> float:
-        """Return the worst Ms if `ki_min` is given, else -ki: the value to be minimised over the derivative time."""
         cases = tried[log_time] = tried.get(log_time) or tuned(math.exp(log_time))
         if cases.design is None:
             return 1e30
@@ -277,8 +267,6 @@ def _tune(
     return TunedCases(kind, points, specification, ki_min, compensator.lead, compensator.lead_filter, design, reason)
 
 
-# --- one PI for some operating points, at a fixed integral time -------------------------------------------------------
-
 # Integral time relative to dead time plus lag. The corner of the integral action is then far below the crossover and
 # costs less than 2 deg of phase margin, while the offset still decays.
 _INTEGRAL_TIME = 50.0
@@ -305,8 +293,8 @@ def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
     """Return the PI that minimises the worst Ms over `plants`, with a fixed integral time.
 
     The integral time kp/ki is 50 times the sum of dead time and lag of the `actuator`. kp is in N*m/(m/s), ki in N*m/m.
-    InfeasibleDesignError: no kp stabilises all plants (the message has the stabilising range of each plant), or all
-    plants are stable, so that gain 0 has the smallest Ms. InputError: no plant is given.
+    InfeasibleDesignError: no kp stabilises all plants, or all plants are stable, so that gain 0 has the smallest Ms.
+    InputError: no plant is given.
     """
     from scipy.optimize import minimize_scalar
 
@@ -355,14 +343,11 @@ def _common_range(
     raise InfeasibleDesignError(f"no single PI stabilises all operating points; stabilising kp: {texts}")
 
 
-# --- loop shaping by hand ---------------------------------------------------------------------------------------------
-
-
 @checked
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
     """Return the frequency, rad/s, at which the continuous phase of a `loop` is largest, and this phase, rad.
 
-    InputError: the phase has no maximum, for example because it falls at all frequencies.
+    InputError: the phase has no maximum.
     """
     curve = frequency_curve(loop, *loop.feature_band())
     top = int(np.argmax(curve.phase_deg))
@@ -383,10 +368,7 @@ def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
     return float(1 / np.abs(loop(1j * omega)))
 
 
-# --- published tuning rules, for comparison; InputError for plants outside their range --------------------------------
-
-
-# Largest relative imaginary part of a root that counts as real; rounding of a triple root of a polynomial stays below.
+# Largest relative imaginary part of a real root, due to rounding; a triple root of a polynomial is below it.
 _REAL = 1e-3
 
 
@@ -404,7 +386,6 @@ class FirstOrderModel:
 
     It is gain exp(-theta s) divided by (T s + 1) if stable, by (T s - 1) if unstable, and by s if integrating.
 
-    - kind: type of the pole.
     - gain: output over input, (m/s)/(N*m) for the wheel; per second if integrating.
     - time_constant: T, s; inf if integrating.
     - dead_time: theta, s.
@@ -417,7 +398,6 @@ class FirstOrderModel:
 
     @property
     def transfer_function(self) -> Rational:
-        """Transfer function of the model without its dead time."""
         if self.kind is Kind.INTEGRATING:
             return Rational(np.array([]), np.array([0.0]), self.gain)
         sign = 1.0 if self.kind is Kind.UNSTABLE else -1.0
@@ -426,11 +406,8 @@ class FirstOrderModel:
 
 @dataclass(frozen=True)
 class RuleTuning:
-    """Controller C(s) = kp + ki/s + kd s of a tuning rule, and the first-order model for which the rule computed it.
+    """Controller C(s) = kp + ki/s + kd s of a tuning rule, which may fail to stabilise the full plant.
 
-    The controller may fail to stabilise the full plant.
-
-    - rule: name of the rule.
     - gains: kp, N*m/(m/s), and ki, N*m/m, for the wheel.
     - derivative_gain: kd, N*m/(m/s^2) for the wheel; 0 for a PI.
     - model: first-order model of the plant.
@@ -462,12 +439,7 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
       pole is >= 0.
     - dead_time: dead time, s, >= 0.
 
-    For a stable or integrating plant the model keeps the largest lag, or the integrator. Half of the next lag is added
-    to the largest lag, the other half to the dead time. All smaller lags, and 1/z of each zero z > 0, are added to the
-    dead time. The time constant of each negative zero is subtracted from the dead time.
-
-    [Skogestad2003] does not cover unstable plants. If the plant has an unstable pole p, the model keeps p, and all lags
-    are added to the dead time: half a lag added to 1/p would make the pole slower than it is.
+    [Skogestad2003] does not cover unstable plants; here all lags of an unstable plant are added to the dead time.
 
     InputError: another plant, or negative zeros whose time constants are larger than the dead time of the model.
     """
@@ -516,7 +488,7 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
 def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = None) -> RuleTuning:
     """Return the PI of the SIMC rule ([Skogestad2003]) for the first-order model of a plant.
 
-    The model has gain k, time constant T and dead time theta. The rule is kp = T/(k (tau_c + theta)), with integral
+    With gain k, time constant T and dead time theta of the model, the rule is kp = T/(k (tau_c + theta)), with integral
     time min(T, 4 (tau_c + theta)).
 
     - plant, dead_time: plant without dead time, and dead time, s, as in `first_order_model`.
@@ -547,10 +519,9 @@ def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = No
 def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, derivative: bool = False) -> RuleTuning:
     """Return a PI or PID for an unstable first-order plant with dead time, by internal model control ([Rotstein1991]).
 
-    The first-order model of the plant has gain k, time constant T and dead time theta; the tuning parameter is lambda.
-    With alpha = lambda (lambda/T + 2) the PI has kp = T alpha/(k lambda^2) and integral time alpha. The PID is this PI
-    in series with (theta s/2 + 1). Without dead time the complementary sensitivity is exactly
-    (alpha s + 1)/(lambda s + 1)^2. With dead time lambda must be in an interval, which [Rotstein1991] gives as a graph.
+    The first-order model has gain k, time constant T and dead time theta; the tuning parameter is lambda. With alpha =
+    lambda (lambda/T + 2) the PI has kp = T alpha/(k lambda^2) and integral time alpha. The PID is this PI in series
+    with (theta s/2 + 1). With dead time lambda must be in an interval, which [Rotstein1991] gives as a graph.
 
     - plant, dead_time: plant without dead time, and dead time, s, as in `first_order_model`.
     - closed_loop_time: lambda, s, > 0.

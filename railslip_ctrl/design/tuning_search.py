@@ -1,20 +1,18 @@
 """Search of the PI gains that meet a specification for a family of plants, and of the best gains; used by `tuning`.
 
-The plant is P, with dead time. A bound M on Ms means |1 + (kp + ki/(j omega)) P| >= 1/M at each frequency. With
-x + j y = 1/P and r = |1/P|/M this is (kp + x)^2 + (ki/omega - y)^2 >= r^2. Therefore each plant and frequency excludes
-the gains inside an ellipse ([Astrom1998], MIGO). Gains with a crossover at omega are on the ellipse
-kp^2 + (ki/omega)^2 = |1/P|^2. The arc of this ellipse on which the phase or delay margin is too small is excluded.
+The plant is P, with dead time. A bound M on Ms means |1 + (kp + ki/(j omega)) P| >= 1/M at each frequency. With x + j y
+= 1/P and r = |1/P|/M this is (kp + x)^2 + (ki/omega - y)^2 >= r^2: each plant and frequency excludes the gains inside
+an ellipse ([Astrom1998], MIGO). Gains with a crossover at omega are on the ellipse kp^2 + (ki/omega)^2 = |1/P|^2. The
+arc of this ellipse on which the phase or delay margin is too small is excluded.
 
 At one ki (a row), the kp that meet the specification are the gaps between the excluded intervals of all frequencies.
 The exact root count of one loop inside a gap decides whether the gap is stable. The search tries rows from large to
-small ki until a row has a stable gap. It then follows this gap, with more frequencies, up to the largest ki at which
-the gap exists (its tip), and computes the exact margins there.
+small ki until a row has a stable gap. It then follows this gap up to the largest ki at which the gap exists (its tip).
 
-With a bound on Ms the search excludes larger ki by examining bands from ki = k1 to k2. An ellipse is convex: a kp that
-it excludes at k1 and at k2 is excluded at every ki between them. The gaps that remain contain all gains of the band
-that meet the bound. The centres of the ellipses are the gains with a pole on the imaginary axis. A gap that contains no
-centre is therefore stable or unstable as a whole. In a band with k2/k1 - 1 <= 1/M no gap contains a centre. A band
-without a stable gap has no solution; any other band is divided.
+With a bound on Ms the search excludes larger ki by examining bands of ki. An ellipse is convex: a kp that it excludes
+at both ends of a band is excluded in the whole band. The centres of the ellipses are the gains with a pole on the
+imaginary axis, so that a gap without a centre is stable or unstable as a whole. A band from k1 to k2 with k2/k1 - 1 <=
+1/M has no gap with a centre. A band without a stable gap has no solution; any other band is divided.
 """
 
 from __future__ import annotations
@@ -53,9 +51,8 @@ _REACH = 10.0  # factor between the gains at the highest samples and the ends of
 class Forbidden:
     """Gains that a specification excludes for plants with dead time, at densely sampled frequencies.
 
-    - responses: frequency responses of the plants.
-    - omegas: frequencies for each plant, rad/s.
-    - usual_kp: largest kp of each plant that stabilises with little integral action; inf if nothing bounds it.
+    `omegas` has the frequencies for each plant, rad/s, and `usual_kp` the largest kp of each plant that stabilises with
+    little integral action; inf if nothing bounds it.
     """
 
     def __init__(self, responses: Sequence[Response], omegas: Sequence[Floats], usual_kp: Sequence[float]) -> None:
@@ -79,15 +76,12 @@ class Forbidden:
 
     @classmethod
     def sampled(cls, systems: Sequence[Rational], dead_times: Sequence[float], usual_kp: Sequence[float]) -> Forbidden:
-        """Return the excluded gains at frequencies so dense that they change nearly linearly between neighbours."""
+        """Sample the plants so densely that the excluded gains change nearly linearly with frequency."""
         responses = [Response(g, tau) for g, tau in zip(systems, dead_times, strict=True)]
         return cls(responses, [_frequencies(*pair) for pair in zip(responses, usual_kp, strict=True)], usual_kp)
 
     def closer(self, kp: float, ki: float, ms_max: float) -> Forbidden:
-        """Return a copy with more frequencies where a loop with these gains is critical.
-
-        They are added near the gain crossovers of the loops, and near minima of |1 + L| close to 1/`ms_max`.
-        """
+        """Return a copy with more frequencies near gain crossovers and critical minima of |1 + L| with these gains."""
         with np.errstate(divide="ignore", invalid="ignore"):  # division by 0 at a pole on the axis
             loop = (kp - 1j * ki / self._omega) / self._inverse
             apart, above = np.abs(1 + loop), np.abs(loop) > 1
@@ -104,8 +98,7 @@ class Forbidden:
     def gaps(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
         """Return the intervals of kp, ascending, up to |kp| = `reach`, that no frequency excludes at this ki > 0.
 
-        If `to`, a larger ki, is given, only the bound on Ms counts, and only kp that some frequency excludes at every
-        ki from `ki` to `to` are left out.
+        With `to`, a larger ki, only those kp are left out that the bound on Ms excludes at every ki from `ki` to `to`.
         """
         parts = [*self._arcs(ki / self._omega, specification), *self._crossover_ends(ki, specification)]
         if to is not None:
@@ -124,23 +117,13 @@ class Forbidden:
         return list(zip(starts[wide].tolist(), ends[wide].tolist(), strict=True))
 
     def _beyond_samples(self, ki: float, radius: Floats) -> tuple[Floats, Floats]:
-        """Return the intervals of kp that the bound on Ms excludes at frequencies above the last sample.
-
-        There are such intervals for plants without dead time that fall as 1/s^2. As omega grows, centre -x and radius r
-        of the ellipses grow as omega^2, y grows at most as omega, and ki/omega falls. If ki/omega + |y| < r at the last
-        sample, every kp beyond the centre there is inside an ellipse of a higher frequency. These kp stabilise, so
-        that without this test every row would have a stable gap.
-        """
+        # where |P| falls as 1/s^2, a kp beyond the last ellipse is inside an ellipse of a higher frequency
         last = self._last_of_double
         last = last[ki / self._omega[last] + np.abs(self._inverse.imag[last]) < radius[last]]
         kp = -self._inverse.real[last]
         return np.where(kp > 0, kp, -np.inf), np.where(kp > 0, np.inf, kp)
 
     def _arcs(self, vertical: Floats, specification: Specification) -> list[tuple[Floats, Floats]]:
-        """Return the ends of the intervals of kp at which the phase or delay margin is too small.
-
-        The gain crossover of each interval is between two neighbouring samples, with linear interpolation.
-        """
         phase = np.deg2rad(specification.phase_min_deg or 0.0)
         if specification.ms_max is not None:
             phase = max(phase, 2 * np.arcsin(0.5 / specification.ms_max))  # |1 + L| = 2 sin(phase/2) at a crossover
@@ -167,10 +150,7 @@ class Forbidden:
         return arcs
 
     def _crossover_ends(self, ki: float, specification: Specification) -> list[tuple[Floats, Floats]]:
-        """Return the kp whose gain crossover is at an end of the allowed range, as intervals of zero length.
-
-        They divide gaps, so that the crossover of a whole gap is inside or outside the range.
-        """
+        # intervals of zero length divide a gap where the crossover leaves its range
         ends = [w for w in specification.crossover or () if 0 < w < np.inf]
         sizes = np.array([[1 / np.abs(r(np.array([w]))[0]), ki / w] for w in ends for r in self._responses])
         kp = _leg(*sizes.T) if ends else np.array([])
@@ -178,7 +158,6 @@ class Forbidden:
 
 
 def _frequencies(response: Response, usual_kp: float) -> Floats:
-    """Return frequencies, rad/s, so dense that the excluded gains change nearly linearly between neighbours."""
     system, dead_time = response.system, response.dead_time
     scales = np.abs(np.concatenate([system.zeros, system.poles, [1 / dead_time] if dead_time else []]))
     middle = np.exp(np.log(scales[scales > 0]).mean(keepdims=True)) if scales.any() else np.ones(1)
@@ -201,9 +180,9 @@ def _leg(hypotenuse: Floats, other: Floats) -> Floats:
 
 
 def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return the part of the interval [0, 1] on which several linear functions are all >= 0, as its start and end.
+    """Return start and end of the interval inside [0, 1] on which linear functions are all >= 0.
 
-    Each function is given by its values at 0 and 1. If there is no such part, the start is above the end.
+    Each function is given by its values at 0 and 1. If there is no such interval, the start is above the end.
     """
     start, end = np.zeros(ends[0][0].size), np.ones(ends[0][0].size)
     for first, last in ends:
@@ -214,12 +193,9 @@ def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     return start, end
 
 
-# --- the search -------------------------------------------------------------------------------------------------------
-
-
 _BAND = 0.02, 0.25  # smallest and largest relative width of the first bands of ki
 _NEARLY_NO_KI = 1e-9  # largest ratio of the smallest ki, which stands for no integral action, to the largest ki
-_LIMITLESS = 0.1  # share of the largest ki above which ki counts as unbounded, without dead time
+_LIMITLESS = 0.1  # without dead time, a ki above this share of the largest ki means that nothing bounds ki
 _AROUND = 0.01  # relative distance in kp between the gap of the samples and the exact gap
 _AGREE = 1e-10  # tolerance of ln ki at the tip of a gap
 _MOST_LOOKS = 12  # largest number of refinements at a tip, each with 30 times denser frequencies
@@ -227,8 +203,8 @@ _FAR_UP, _FAR_DOWN = 4.0, 20.0  # largest steps of ln ki in the search for a bra
 _FINEST = 0.04  # relative width of a band of ki that is not divided further
 _LOOKS = 7  # number of kp in a gap for a coarse minimum
 _TOP = 2e-3  # relative tolerance of ki at which the bisection ends and exact margins are used
-_PIECES = 8  # pieces of a gap if there is a requirement on the crossover, because the crossover may jump in a gap
-_LARGEST_MS = 1e6  # largest Ms - 1; loops above it count as unstable
+_PIECES = 8  # number of intervals in a gap if the crossover is limited, because the crossover may jump in a gap
+_LARGEST_MS = 1e6  # largest Ms - 1 of the search
 _LEAST_MS = 1e-9  # smallest Ms - 1
 _TIGHTENINGS = 16  # bisections of a bound before exact margins are used
 _KP_TOLERANCE = 1e-8  # relative tolerance of kp at the optimum
@@ -237,13 +213,7 @@ _FEW = 4  # number of gains up to which all plants are computed at once
 
 @dataclass(frozen=True)
 class Family:
-    """Plants for which one common PI is tuned.
-
-    - systems: plants without dead time, each with the compensator.
-    - dead_times: dead time of each plant, s.
-    - compensated: whether there is a compensator, such as a lead.
-    - names: names of the plants in messages.
-    """
+    """Plants without dead time, each with the compensator, for which one common PI is tuned; dead times in s."""
 
     systems: list[Rational]
     dead_times: list[float]
@@ -252,7 +222,6 @@ class Family:
 
     @cached_property
     def regions(self) -> list[StabilizingRegion]:
-        """Stabilising gains of each plant."""
         return [stabilizing_pi(g, dead_time=tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
 
     def loops(self, kp: float, ki: float) -> list[DeadTimeLoop]:
@@ -260,7 +229,6 @@ class Family:
         return [DeadTimeLoop(controller * g, tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
 
     def margins(self, kp: Floats, ki: float, *, peaks: bool) -> BatchMargins:
-        """Return the margins, except gain margins, of all plants with each of n gains kp, ordered by kp, then plant."""
         loops = [loop for gain in kp.tolist() for loop in self.loops(gain, ki)]
         return family_margins(loops, gain_margins=False, peaks=peaks)
 
@@ -271,11 +239,10 @@ class Family:
         return float(np.where(margins.stable, values, np.inf).max())
 
     def excess(self, kp: float, ki: float, specification: Specification) -> float:
-        """Return by which ratio the worst loop violates the specification: <= 0 if it is met, inf if unstable."""
+        """Return the relative violation of the specification by the worst loop: <= 0 if it is met, inf if unstable."""
         return float(self.excesses(np.array([kp]), ki, specification)[0])
 
     def excesses(self, kp: Floats, ki: float, specification: Specification) -> Floats:
-        """Return `excess` for many kp, (n,), at once."""
         margins = self.margins(kp, ki, peaks=specification.ms_max is not None)
         shape = kp.size, len(self.systems)
         misses = np.full(shape, -np.inf)
@@ -289,16 +256,11 @@ class Family:
             low, high = specification.crossover
             at = margins.phase_frequency.reshape(shape)
             outside = np.fmax(at / high, low / at) - 1
-            misses = np.fmax(
-                misses, np.where(np.isnan(at), 1.0, outside)
-            )  # a loop without crossover violates the range
+            # a loop without crossover violates the range
+            misses = np.fmax(misses, np.where(np.isnan(at), 1.0, outside))
         return np.asarray(np.where(margins.stable.reshape(shape), misses, np.inf).max(axis=1))
 
     def meets(self, kp: Floats, ki: float, specification: Specification) -> Flags:
-        """Return for each of many kp, (n,), whether all plants meet the specification.
-
-        The other plants are checked only at the kp with which the first plant meets it.
-        """
         met = np.ones(kp.size, dtype=bool)
         for part in (slice(0, 1), slice(1, None)) if kp.size > _FEW else (slice(None),):
             some = replace(self, systems=self.systems[part], dead_times=self.dead_times[part])
@@ -308,16 +270,12 @@ class Family:
 
     @cached_property
     def forbidden(self) -> Forbidden:
-        """Gains that a specification excludes, at sampled frequencies."""
         usual = [np.abs(r.kp_range).max() if r.kp_range else r.decomposition.largest_kp for r in self.regions]
         return Forbidden.sampled(self.systems, self.dead_times, usual)
 
     @cached_property
     def ki_ends(self) -> tuple[float, float]:
-        """Lower and upper end of the search for ki: a negligible ki, and a ki that does not stabilise all plants.
-
-        Without dead time the upper end is a ki with crossovers far above the poles and zeros of the plants.
-        """
+        """Ends of the search for ki: a negligible ki, and a ki that does not stabilise all plants."""
         low, high = self.forbidden.ki_ends
         high = min(high, *(r.decomposition.largest_ki for r in self.regions))
         return min(low, _NEARLY_NO_KI * high), high
@@ -330,16 +288,11 @@ class Family:
 
     @cached_property
     def few(self) -> Family:
-        """The plants of `binding` alone, for a quick check before that of all plants."""
         chosen = sorted(set(self.binding))
         return replace(self, systems=[self.systems[i] for i in chosen], dead_times=[self.dead_times[i] for i in chosen])
 
     def row(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
-        """Return the intervals of kp that meet a specification at one ki.
-
-        If `to`, a larger ki, is given, return the stable intervals of the band from `ki` to `to`: those that
-        `Forbidden.gaps` leaves.
-        """
+        """Return the intervals of kp that meet a specification at `ki`; with `to`, the stable gaps of a band of ki."""
         met, intervals = Specification() if to else specification, []
         for family in (self.few, self):
             intervals = family.gaps(family.forbidden.gaps(ki, specification, to), ki, met)
@@ -356,26 +309,21 @@ class Family:
 
 
 def _rows(low: float, high: float, ms_max: float | None) -> Floats:
-    """Return integral gains from `low` to `high`, ascending, in equal ratios that suit the bound on Ms."""
     ratio = 1 + float(np.clip(1 / (ms_max or 1), *_BAND))
     return np.asarray(low * ratio ** np.arange(math.log(high / low) / math.log(ratio) + 1))
 
 
 def _joined(gaps: list[Interval]) -> list[Interval]:
-    """Join intervals that touch."""
     edges = [x for gap in gaps for x in gap]
     outer = [x for i, x in enumerate(edges) if edges[max(i - 1, 0) : i] != [x] and edges[i + 1 : i + 2] != [x]]
     return list(zip(outer[::2], outer[1::2], strict=True))
 
 
 def _inside(low: float, high: float) -> float:
-    """Return a gain between two others; it has a small magnitude, because the root count is then cheaper."""
+    # a small magnitude makes the root count cheaper
     if low * high > 0:
         return math.copysign(math.sqrt(low * high), low)
     return 0.5 * (high if low == 0 or (high != 0 and high < -low) else low)
-
-
-# -- maximise ki ------------------------------------------------------------------------------------------------
 
 
 def largest_ki(family: Family, specification: Specification) -> tuple[float, float]:
@@ -415,10 +363,7 @@ def _highest_rows(family: Family, specification: Specification) -> Iterator[tupl
 
 
 def _tip(family: Family, specification: Specification, gap: Interval, ki: float) -> tuple[float, float]:
-    """Return (kp, ki) at the tip of a gap: the largest ki that meets the specification near the interval `gap` of kp.
-
-    ki is 0 if no gains near the gap meet the specification.
-    """
+    """Return (kp, ki) with the largest feasible ki near the interval `gap` of kp; ki is 0 if no gains are feasible."""
     stable = Specification(crossover=specification.crossover)
     around = gap[1] - gap[0] + _AROUND * max(map(abs, gap))
     window = ((gap[0] - around, gap[1] + around),)
@@ -449,7 +394,6 @@ def _tip(family: Family, specification: Specification, gap: Interval, ki: float)
 
 
 def _least(objective: Callable[[float], float], low: float, high: float) -> float:
-    """Return the point between `low` and `high` at which a function is smallest, found from a coarse grid."""
     from scipy.optimize import minimize_scalar
 
     grid = np.linspace(low, high, _LOOKS)
@@ -483,10 +427,7 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
 
 
 def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
-    """Return a ln ki near `start` that meets a condition, and a neighbouring one that does not.
-
-    The two are equal if all values tried meet the condition; None if no value meets it.
-    """
+    """Return a ln ki near `start` that meets a condition, and a close one that does not; None if no value meets it."""
     first, here = bool(met(start)), start
     while step < (_FAR_UP if first else _FAR_DOWN):
         ahead = here + (step if first else -step)
@@ -497,10 +438,6 @@ def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -
 
 
 def _infeasible(family: Family, specification: Specification) -> InfeasibleDesignError:
-    """Return the error for a specification that no gains meet.
-
-    Its message has the best value of each required margin, without the other requirements and with ki near 0.
-    """
     common = (
         intersection(family.regions, family.names) if len(family.regions) > 1 or family.names else family.regions[0]
     )
@@ -532,7 +469,6 @@ def _infeasible(family: Family, specification: Specification) -> InfeasibleDesig
 
 
 def _best(family: Family, margin: str) -> float:
-    """Return `Family.worst` of a margin with the best kp and a ki near 0; inf if no kp stabilises."""
     ki = family.ki_ends[0]
     worst = partial(family.worst, ki=ki, margin=margin)
     gaps = _tightest(family, ki, Specification(), margin)
@@ -540,10 +476,7 @@ def _best(family: Family, margin: str) -> float:
 
 
 def _tightest(family: Family, ki: float, others: Specification, margin: str) -> list[Interval]:
-    """Return the intervals of kp that, at one ki, meet the tightest bound on one `margin` that some kp can meet.
-
-    All these kp also meet the requirements `others`.
-    """
+    """Return the intervals of kp that meet the tightest bound on `margin` that some kp can meet at this ki."""
 
     def bounded(x: float) -> Specification:
         if margin == "ms":
@@ -563,9 +496,6 @@ def _tightest(family: Family, ki: float, others: Specification, margin: str) -> 
         inner = family.gaps(family.forbidden.gaps(ki, bounded(middle)), ki, bounded(middle))
         low, high, gaps = (middle, high, inner) if inner else (low, middle, gaps)
     return gaps
-
-
-# -- minimise Ms ------------------------------------------------------------------------------------------------
 
 
 def least_ms(family: Family, specification: Specification, ki_min: float) -> tuple[float, float]:
@@ -599,10 +529,6 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
 
 
 def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> InfeasibleDesignError:
-    """Return the error for the case that no gains with ki >= `ki_min` meet the specification.
-
-    If already no such gains stabilise all plants, its message has the largest ki that does.
-    """
     largest, _ = next(_highest_rows(family, Specification()), (math.nan, []))
     if math.isnan(largest):
         return _infeasible(family, specification)
@@ -618,10 +544,7 @@ def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> 
 def _with_more_ki(
     objective: Callable[[float, float], float], kp: float, ki: float, ki_min: float, width: float
 ) -> tuple[float, float]:
-    """Return gains with a larger ki and a smaller Ms than (kp, ki) if there are any, else (kp, ki).
-
-    `width` is the first step of kp in the search.
-    """
+    """Return gains with a larger ki and a smaller Ms than (kp, ki) if there are any, else (kp, ki)."""
     least = objective(kp, ki)
     if ki == ki_min and not objective(kp, 1.01 * ki) < least:
         return kp, ki

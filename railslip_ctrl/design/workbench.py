@@ -1,7 +1,4 @@
-"""Controllers shaped by hand over an envelope: the first controller of each kind, and controllers by their parameters.
-
-Operating points and their results are cached, because every change of a parameter needs them again.
-"""
+"""Controllers shaped by hand over an envelope, with cached results."""
 
 from __future__ import annotations
 
@@ -27,10 +24,10 @@ _CACHE_SIZE = 200  # largest number of cached results, most of them small
 
 
 class Workbench:
-    """Envelope and first controllers for a design by hand, with cached results.
+    """Envelope and first controllers for a design by hand.
 
     - envelope: operating points and tolerances of the design.
-    - controller: first controller; by default the first controller of each kind follows from the rule of the kind.
+    - controller: first controller; by default each kind of controller has a rule for the first one.
 
     InputError for an envelope without operating points or common reference slips, or a controller without named
     parameters.
@@ -82,13 +79,13 @@ class Workbench:
         return first.with_design_numbers(values, **({"reference": slips} if first.follows_reference else {}))
 
     def with_ratio_of(self, control: Controller) -> dict[str, Controller]:
-        """Return `kinds`; the kind "transfer function" in it is `control`, if linear, as a ratio of polynomials."""
+        """Return `kinds` with a linear `control`, as a ratio of polynomials, in the place of "transfer function"."""
         if not isinstance(control, LinearControl) or control.kind == TransferFunction.kind:
             return self.kinds
         return {**self.kinds, TransferFunction.kind: begun(TransferFunction, control, self.reference)}
 
     def points(self, control: Controller, *, nominal: bool = True) -> tuple[Envelope, EnvelopePoints]:
-        """Return the envelope over which a controller is judged, and the cases of this envelope; see `judge`."""
+        """Return the envelope over which a controller is judged, and the cases of this envelope."""
         slip_of = cast(HeldSlip, control.held_slip) if control.finds_slip else None
         own = (control.kind, control.slip_numbers()) if slip_of else getattr(control, "reference", None)
 
@@ -100,14 +97,14 @@ class Workbench:
         return cases
 
     def hardest(self, control: Controller, points: EnvelopePoints, from_kmh: float) -> int:
-        """Return the index of the plant, at or above a speed (km/h), that is hardest to control."""
+        """Return the index of the plant that is hardest to control, at or above a speed, km/h."""
         if not isinstance(control, LinearControl) or getattr(control.system, "period", None) is not None:
             return self.of_points(points, ("fastest", from_kmh), lambda cases: fastest(cases, from_kmh))
         screen: Screen = self.of_points(points, "screen", Screen.of)
         return screen.hardest(control.system, from_kmh)
 
     def of_points(self, points: EnvelopePoints, name: Any, make: Callable[[EnvelopePoints], Any]) -> Any:
-        """Return `make(points)`, cached under `name`; `points` is cached too, because its id is part of the key."""
+        """Return `make(points)`, cached under `name`."""
         return self._cached((id(points), name), lambda: (points, make(points)))[1]
 
     def _cached(self, key: Any, make: Callable[[], Any]) -> Any:
