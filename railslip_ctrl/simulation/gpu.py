@@ -1,7 +1,4 @@
-"""Braking runs on a CUDA GPU, with one thread for each stop.
-
-The program is the source text of `kernel` for the CPU, in which a few lines are replaced.
-"""
+"""Braking runs on a CUDA GPU, by the source text of `kernel` in which a few lines are replaced."""
 
 from __future__ import annotations
 
@@ -112,7 +109,7 @@ def _module(text: str) -> ModuleType:
 def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Floats, Floats, Floats]]:
     """Prepare stops with the same type of adhesion law and the same controller; return a function that simulates them.
 
-    The function returns three arrays with a row for each stop: number of the outcome, final state, and summary.
+    The function returns three arrays with a row for each stop: index of the outcome, final state, and summary.
     """
     cuda, simulator, plans = check_device(), stops[0][0], [one.plan for one, _ in stops]
     history = max(int(one.settings["dead_time"] / one.settings["period"]) for one in plans) + 3
@@ -149,12 +146,10 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
 
 
 def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
-    """Return the arguments of the CUDA function `every_stop` from `settings` to `x`.
-
-    An event that never happens is added as last event. `table` is the index of the adhesion table.
-    """
+    """Return the arguments `settings` to `x` of the CUDA function `every_stop` for one stop."""
     plan, force, noise = simulator.plan, simulator.scenario.disturbances, simulator.scenario.measurement
     hold = force.random_hold if force.random_force > 0 else 0.0
+    # an event that never happens is the last one
     padded = (np.concatenate([one, np.full((1, *one.shape[1:]), end)]) for one, end in zip(
         plan.events, (np.inf, np.inf, np.nan, np.nan, -1), strict=True))  # fmt: skip
     draws = np.array([force.random_force, *seed]), np.array([[noise.speed_noise, noise.wheel_noise], seed])
