@@ -141,11 +141,9 @@ def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
 
 
 def factor(given: str, unit: str, *, of: str = "") -> float:
-    """Return the conversion factor from the unit `given` to `unit`.
+    """Return the conversion factor from the unit `given` to `unit`; InputError if there is none.
 
-    - of: text that contains the unit, for the error message.
-
-    InputError: `given` is not a unit, is ambiguous, or has another dimension.
+    `of` is the text that contains the unit, for the error message.
     """
     words = _unit_words(given)
     if words is None:

@@ -198,10 +198,7 @@ class _Path:
         return float(self._full.t[-1])
 
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
-        """Return the stop with the largest torque until time `switch`, s, then no torque until the slip stops rising.
-
-        From then on the slip ratio decays to `share` times its value, with the decay time `time`, s.
-        """
+        """Stop of `attainable_stop` with full torque until `switch`, s, final share of the slip, and decay time, s."""
         try:
             return self._stop(switch, share, time)
         except ValueError:  # SciPy: the interpolation has no sign change at the event
@@ -284,10 +281,7 @@ _LONGEST_BACK = 5.0  # s, longest time without torque until the slip stops risin
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean over the runs in which the train stopped, and standard error of this mean.
-
-    Both are NaN if no train stopped; the error is NaN if one train stopped.
-    """
+    """Mean over the runs in which the train stopped, and its standard error; NaN if there are too few of these runs."""
 
     value: float
     error: float
@@ -349,8 +343,6 @@ def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequ
     - scenario: the braking run.
     - controllers: controllers by name, as for `simulate`.
     - seeds: seeds of the noise, one for each run; all controllers have the same noise.
-
-    Returns means for each controller, SI, and the lower bounds of `clairvoyant_stop`.
     """
     bound = clairvoyant_stop(scenario)
     simulators = {name: Simulator(scenario, controller) for name, controller in controllers.items()}

@@ -74,12 +74,7 @@ def every_stop(settings, event_time, event_distance, event_p, event_c, event_cho
 
 
 def cuda_text(text: str, events: int, history: int, options: str = "") -> str:
-    """Return the source `text` of a simulation changed for CUDA.
-
-    - events: largest number of events of a stop.
-    - history: largest number of past commands that the dead time requires.
-    - options: options of the CUDA compiler as Python text.
-    """
+    """Return the source `text` of a simulation, changed for CUDA; `events` and `history` are lengths of its arrays."""
     for old, new in _CHANGES.items():
         assert text.count(old) == 1, f"the kernel has {old!r} once"
         text = text.replace(old, new.format(events=events, history=history))
@@ -131,10 +126,7 @@ def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Flo
 
 
 def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
-    """Simulate stops with the same type of adhesion law and the same controller on a GPU, and yield their runs.
-
-    InputError if there is no GPU, or if the controller is a user's Python object or function.
-    """
+    """Simulate the stops of `launch` and yield their runs; InputError without a GPU or for a user's Python code."""
     cuda, controller = check_device(), stops[0][0].controller
     if isinstance(controller, StepControl):
         raise InputError(f"--device: a GPU cannot run the Python code of {controller.label}; leave --device out")

@@ -29,10 +29,7 @@ def members(record: Any) -> dict[str, Any]:
 
 
 def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
-    """Return all numbers in a record, and in the records and tuples inside it, by path; None for a number not set.
-
-    `prefix` is put in front of every path.
-    """
+    """Return all numbers in a record, and in the records and tuples inside it, by path, with `prefix` in front."""
     units: dict[str, str] = {}  # units of the members whose type allows a number
     if isinstance(record, Record):
         units = record.units()

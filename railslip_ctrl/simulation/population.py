@@ -27,17 +27,9 @@ CHECK = 9000  #: seeds below this number are for development, the others only fo
 SPEED_SCALE, RADIUS, GAIN, BRAKE = 0.02, 0.02, 0.15, 0.3
 """Largest relative errors of measured train speed, assumed radius, torque gain, and assumed dead time and lag."""
 
-SPEED_NOISE = 0.05
-"""Standard deviation of the noise of the measured train speed, m/s; the noise of each sample is independent."""
-
+SPEED_NOISE = 0.05  #: standard deviation of the noise of each sample of the train speed, m/s
 TEETH = (80, 200)  #: smallest and largest number of teeth of the wheel-speed encoder
-
-PITCH_ERROR = 0.01
-"""Standard deviation of the position error of an encoder edge, in tooth pitches.
-
-The measured speed is the angle between the first and the last edge of a sampling period, divided by their time
-difference.
-"""
+PITCH_ERROR = 0.01  #: standard deviation of the position error of an encoder edge, in tooth pitches
 
 
 @dataclass(frozen=True)
@@ -119,10 +111,7 @@ def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
 
 
 def burckhardt(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Return Burckhardt's curve with random parameters in the range of rails.
-
-    c1 is 0.06 to 0.35, 1/c2 is 0.002 to 0.04, and c3 is 0.2 to 0.7 times c1.
-    """
+    """Return Burckhardt's curve with random parameters in the range of rails."""
     c1, c2, fall = rng.uniform(0.06, 0.35), 1.0 / _log_uniform(rng, 0.002, 0.04), rng.uniform(0.2, 0.7)
     return law_class("burckhardt").model_validate({"c1": c1, "c2": c2, "c3": fall * c1, "reference": _reference(0.05)})
 
@@ -191,7 +180,7 @@ def _errors(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str
     scale, radius, gain = (1.0 + rng.uniform(-bound, bound) for bound in (SPEED_SCALE, RADIUS, GAIN))
     dead_time, lag = 1.0 + rng.uniform(-BRAKE, BRAKE, size=2)
     teeth = rng.integers(*TEETH, endpoint=True)
-    edge = PITCH_ERROR * 2.0 * math.pi / teeth
+    edge = PITCH_ERROR * 2.0 * math.pi / teeth  # the speed is the angle between two edges over a sampling period
     actuator = vehicle.actuator
     return {
         "limits": BrakeLimits(torque_max=high, torque_gain=gain),

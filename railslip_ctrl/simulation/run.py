@@ -246,10 +246,8 @@ def simulate(
     - record_every: number of samples between two rows of `signals`; None: no signals.
     - compiled: False runs the simulation in the Python interpreter, hundreds of times slower, with the same result.
 
-    Returns a `Run` with outcome, braking time (s), braking distance (m), energies (J), slip (ratio) and torque (N*m).
-    Its `signals` are the time series, 1-D arrays of equal length, SI, or None. InputError: a seed or record_every out
-    of range, an event that the adhesion law does not support, a sampling period of the controller below `LEAST_STEP`,
-    or a user's step that fails or returns no torque.
+    InputError: a seed or record_every out of range, an event that the adhesion law does not support, a sampling period
+    of the controller below `LEAST_STEP`, or a user's step that fails or returns no torque.
     """
     return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
 
