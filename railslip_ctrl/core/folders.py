@@ -84,7 +84,7 @@ def unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Return the subfolder `kind` of the cache, or of a temporary folder if the cache is not writable."""
+    """Return the folder `kind` in the cache, or in a temporary folder if the cache is not writable."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)

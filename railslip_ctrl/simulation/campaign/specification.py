@@ -462,7 +462,7 @@ class Campaign:
         return all_targets
 
     def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
-        """Return the numbers, SI, that `values` of all quantities set, by index of the record (0: scenario) and path."""
+        """Return the numbers, SI, that the `values` of all quantities set, by record (0: scenario) and path."""
         changed: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:

@@ -120,7 +120,6 @@ def _beyond(
     limit_state: LimitState, points: Floats, values: Floats, level: float, step: float, rng: Any, adapt: bool = False
 ) -> tuple[Floats, Floats, float, float]:
     """Start Markov chains at the points that reach a level; return points, values, share of accepted moves, step."""
-
     start = rng.permutation(np.flatnonzero(values >= level))
     at, value, left = points[start], values[start], len(values) - len(start)
     found, accepted = [(at, value)], list[float]()
