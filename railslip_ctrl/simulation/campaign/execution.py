@@ -111,7 +111,7 @@ def measured(name: str) -> Measure:
 
 
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
-    """Return the results of a run by column; all measures are None if `run` is None: its values are not allowed."""
+    """Return the results of a run by column; without a run, because its values are not allowed, measures are None."""
     outcome = REFUSED if run is None else run.outcome.value
     measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
     return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}

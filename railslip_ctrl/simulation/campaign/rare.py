@@ -80,7 +80,7 @@ class Event(NamedTuple):
 
     @classmethod
     def read(cls, text: str) -> Event:
-        """Return the event for text such as "distance > 420 m", "time > 20 s", "slip > 0.5" or "lock"."""
+        """Return the event for text: "distance > 420 m", "time > 20 s", "slip > 0.5", "lock"; otherwise InputError."""
         if text.strip() == "lock":
             return cls("slip", 1.0 - LOCKED_SHARE)
         found = re.fullmatch(r"\s*(distance|time|slip)\s*>\s*(.+)", text)

@@ -50,7 +50,7 @@ _UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True)
 class Moments:
-    """Number, mean, sample standard deviation, minimum and maximum of the finite values; NaN if there are too few."""
+    """Number, mean, sample standard deviation, minimum and maximum; mean and deviation of too few values are NaN."""
 
     count: int
     mean: float

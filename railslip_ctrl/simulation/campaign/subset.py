@@ -177,9 +177,9 @@ def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
 
 
 def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
-    """Return the point with the event that is nearest to 0 in the direction of the first possible candidate.
+    """Return the point nearest to 0 that has the event and lies in the direction of a candidate.
 
-    If there is no point with the event in any of these directions, the last candidate is returned.
+    The candidates are tried in order. If no direction has a point with the event, the last candidate is returned.
     """
     for way in candidates:
         low, high = 0.0, _FARTHEST
@@ -213,7 +213,8 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 
 def repeated(found: Repeat) -> float:
-    """Return the share of new points whose finite value another point of the level has, for the worst level."""
+    """Return the share of new points with the same finite value as another point, for the worst level."""
+
     new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
     different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
     return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))
