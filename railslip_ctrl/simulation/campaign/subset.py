@@ -214,7 +214,6 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 def repeated(found: Repeat) -> float:
     """Return the share of new points with the same finite value as another point, for the worst level."""
-
     new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
     different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
     return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))
