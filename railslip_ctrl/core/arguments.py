@@ -39,7 +39,7 @@ class _Refused(Exception):
 
 
 def checked(function: F) -> F:
-    """Decorate a function to check its arguments against its annotations; InputError for an argument of wrong type.
+    """Decorator that checks the arguments of a function against its annotations; InputError for a wrong type.
 
     Text such as "dry" is converted to the enumeration member with this value. The function itself must check ranges,
     for example by `number`.
@@ -58,7 +58,7 @@ def checked(function: F) -> F:
 
 
 def check_fields(record: Any) -> None:
-    """Check the fields of a frozen dataclass as `checked` checks arguments; call it first in `__post_init__`."""
+    """Check the types of the fields of a frozen dataclass, as `checked` does; call it first in `__post_init__`."""
     kind: Any = type(record)
     kinds = _kinds_of(kind)
     for name in (field.name for field in fields(record) if field.init):
@@ -75,7 +75,7 @@ def number(
     lt: float | None = None,
     le: float | None = None,
 ) -> float:
-    """Return `value` if it is a finite number within the bounds; otherwise InputError, beginning with `name`.
+    """Return `value` if it is a finite number within the bounds; otherwise raise InputError, beginning with `name`.
 
     - unit: unit of the bounds, for the message.
     - gt, ge, lt, le: bounds: greater than, at least, less than, at most.
@@ -91,7 +91,7 @@ def number(
 
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""Smallest and largest magnitude of an input number: no vehicle needs others, and doubles have a far wider range."""
+"""Smallest and largest magnitude of an input number; no vehicle needs a magnitude outside this range."""
 
 
 def sized(name: str, value: float) -> float:
@@ -126,10 +126,7 @@ def complexes(name: str, values: ArrayLike) -> Complexes:
 def numbers(
     name: str, values: ArrayLike, unit: str = "", *, gt: float | None = None, ge: float | None = None
 ) -> Floats:
-    """Return an array of finite numbers, of any shape, each within the bounds; see `number`.
-
-    InputError names the first value that is not allowed.
-    """
+    """Return an array of finite numbers within the bounds of `number`; InputError names the first other value."""
     array = reals(name, values)
     inside = np.isfinite(array) & (gt is None or array > gt) & (ge is None or array >= ge)
     if not inside.all():
@@ -138,7 +135,6 @@ def numbers(
 
 
 def _apply(name: str, kind: Any, value: Any) -> Any:
-    """Convert a value to the type of an annotation; InputError, beginning with `name`, if it has the wrong type."""
     try:
         return _converted(kind, value)
     except _Refused as wanted:
@@ -146,7 +142,6 @@ def _apply(name: str, kind: Any, value: Any) -> Any:
 
 
 def _shown(value: object) -> str:
-    """Short text of a value for a message, as `shown`, but with the first members of a container."""
     if not isinstance(value, (list, tuple, dict)):
         return shown(value)
     try:
@@ -155,16 +150,12 @@ def _shown(value: object) -> str:
         return shown(value)
 
 
-# --- conversion of values to the types of annotations ----------------------------------------------------------------
-
-
 _ARRAY = "a number or an array of numbers"
 _KIND_NAMES = {Mapping: "a mapping", str: "text", NoneType: "None", Callable: "a function"}
 
 
 @cache
 def _kinds_of(thing: Any) -> dict[str, Any]:
-    """Annotations of a function's arguments or a dataclass's fields, by name."""
     known = vars(sys.modules[thing.__module__])
     kinds = {}
     for name, annotation in thing.__annotations__.items():
@@ -175,10 +166,7 @@ def _kinds_of(thing: Any) -> dict[str, Any]:
 
 @cache
 def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Split an annotation into its origin and its arguments; those of a union are the member types to try.
-
-    The origin of `float`, which has no arguments, is `float` itself.
-    """
+    """Origin and arguments of an annotation, for example Union and the types that it joins."""
     origin, inner = get_origin(kind) or kind, get_args(kind)
     if kind == ArrayLike or origin is np.ndarray:
         return ArrayLike, ()
@@ -192,7 +180,6 @@ def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _converted(kind: Any, value: Any) -> Any:
-    """Convert a value to the type of an annotation, for example text to an enumeration member; otherwise _Refused."""
     if type(value) is kind and kind is not tuple:
         return _not_too_large(value) if kind is int else value
     origin, inner = _parts(kind)
@@ -226,14 +213,12 @@ def _converted(kind: Any, value: Any) -> Any:
 
 
 def _required(holds: bool, value: Any, wanted: str) -> Any:
-    """Return the value if the condition holds; otherwise _Refused, with the expected type."""
     if not holds:
         raise _Refused(wanted)
     return value
 
 
 def _not_too_large(value: Any) -> Any:
-    """Return a number that fits in a double; otherwise _Refused."""
     try:
         float(value)
     except OverflowError:
@@ -242,7 +227,6 @@ def _not_too_large(value: Any) -> Any:
 
 
 def _array(value: Any) -> Any:
-    """Return the value unchanged if it is a numeric array or NumPy converts it to one; otherwise _Refused."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "fciu":
         return value
     try:
@@ -259,7 +243,6 @@ def _array(value: Any) -> Any:
 
 
 def _member_of(kind: type[Enum], value: object) -> Enum:
-    """Member of the enumeration `kind` with this value; _Refused if none has it."""
     try:
         return kind(value)
     except ValueError:
@@ -267,7 +250,6 @@ def _member_of(kind: type[Enum], value: object) -> Enum:
 
 
 def _any_of(kinds: tuple[Any, ...], value: object) -> object:
-    """Convert a value to the first type of a union that accepts it; otherwise _Refused."""
     wanted = []
     for kind in kinds:
         try:
@@ -278,7 +260,6 @@ def _any_of(kinds: tuple[Any, ...], value: object) -> object:
 
 
 def _members(origin: Any, inner: tuple[Any, ...], value: Any) -> Any:
-    """Convert the members of a tuple of fixed length or of a list; return the same object if no member changes."""
     if origin is tuple and inner[-1] is not Ellipsis:
         _required(isinstance(value, (list, tuple)) and len(value) == len(inner), value, f"a tuple of {len(inner)}")
         return tuple(_within(kind, member) for kind, member in zip(inner, value, strict=True))
@@ -291,7 +272,6 @@ def _members(origin: Any, inner: tuple[Any, ...], value: Any) -> Any:
 
 
 def _within(kind: Any, value: object) -> object:
-    """Convert a member of a container; if it is _Refused, the message names the member."""
     try:
         return _converted(kind, value)
     except _Refused as wanted:

@@ -33,7 +33,7 @@ class UnstableLoopError(RailslipError, ArithmeticError):
     """Margins are not defined because the closed loop is unstable.
 
     - unstable_poles: number of closed-loop poles with non-negative real part; inf for a neutral loop with infinitely
-      many of them.
+      many of these poles.
     - stabilizing_gain_range: interval of loop-gain factors, ratios, that make the loop stable; if several exist, the
       interval nearest to 1 on a logarithmic scale. None if no factor stabilises the loop.
     """

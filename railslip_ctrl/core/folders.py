@@ -1,7 +1,7 @@
-"""Output folders and cache; files are written completely or not at all, by one process at a time.
+"""Output folders and cache of compiled kernels and results. One process at a time writes, and only complete files.
 
-The cache has compiled kernels and computed results. The key of a result is a hash of the package's source, of the
-versions of Python and of the numerical dependencies, and of the inputs of the result.
+The key of a cached result is a hash of the package's source, of the versions of Python and of the numerical
+dependencies, and of the inputs of the result.
 """
 
 from __future__ import annotations
@@ -26,10 +26,8 @@ from .processes import undisturbed
 T = TypeVar("T")
 
 LOCK = ".lock"  #: name of the lock file in an output folder
-
 INCOMPLETE = ".incomplete-"  #: prefix of the names of folders with unfinished files
-CACHE_VARIABLE = "RAILSLIP_CACHE"
-"""Name of the environment variable that sets the folder of the cache."""
+CACHE_VARIABLE = "RAILSLIP_CACHE"  #: name of the environment variable that sets the folder of the cache
 
 
 @contextmanager
@@ -67,9 +65,9 @@ def claimed(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """Yield a hidden folder inside `folder` for new files; at the end each file is moved to `folder` in one step.
+    """Yield a hidden folder inside `folder`; at the end of the `with` block its files are moved to `folder`.
 
-    After an error no file is moved. An interruption waits until all files are moved.
+    After an error no file is moved. Ctrl-C and SIGTERM take effect when all files are moved.
     """
     with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=folder) as staging:
         yield Path(staging)
@@ -86,7 +84,7 @@ def unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Return the folder `kind` in `RAILSLIP_CACHE` or the user's cache; a temporary one if that is not writable."""
+    """Return the folder `kind` in the cache, or in a temporary folder if the cache is not writable."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
@@ -104,7 +102,7 @@ def cache_folder(kind: str = "kernels") -> Path:
 def private_text(kind: str, name: str, made: str) -> str:
     """Return the secret text in the file `name` of the cache folder `kind`; only the user can read the file.
 
-    If the file is missing, readable by others, or of another length than `made`, `made` is returned instead. It is
+    If the file is missing, readable by others, or of another length than `made`, the text `made` is returned. It is
     also stored in the file, if the folder is writable.
     """
     path = cache_folder(kind) / name
@@ -121,10 +119,9 @@ def private_text(kind: str, name: str, made: str) -> str:
 
 @cache
 def _temporary() -> Path:
-    """Temporary folder for this process and the processes that it starts; removed when the process ends."""
     folder = tempfile.mkdtemp(prefix="railslip-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    os.environ[CACHE_VARIABLE] = folder
+    os.environ[CACHE_VARIABLE] = folder  # for the processes that this process starts
     return Path(folder)
 
 
@@ -169,14 +166,12 @@ def look_up(name: str, given: str = "") -> Any:
 
 
 def _path(name: str, given: str) -> Path:
-    """File of a cached result."""
     key = hashlib.sha256(f"{_of_code()} {given}".encode()).hexdigest()[:24]
     return cache_folder("results") / f"{name}-{key}.pickle"
 
 
 @cache
 def _of_code() -> str:
-    """Hash of the package's source and of the versions of Python and the numerical dependencies."""
     digest = hashlib.sha256(" ".join([sys.version, *(f"{name} {version(name)}" for name in _COMPUTES)]).encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")

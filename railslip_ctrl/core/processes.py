@@ -32,9 +32,8 @@ def cpu_count() -> int:
 def processes(count: int) -> Iterator[Submit]:
     """Make a pool of at most `count` processes; yield the function that submits work to the pool.
 
-    A process starts when work is submitted for it. Only the calling process receives interruptions. The others end when
-    it ends, or when an exception leaves the `with` block. InputError if a script makes this call while it is imported,
-    because each process imports the script again.
+    All processes end when the calling process ends, or when an exception leaves the `with` block. InputError if a
+    script calls this function while it is imported, because each new process imports the script again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import current_process, get_context
@@ -68,11 +67,9 @@ def processes(count: int) -> Iterator[Submit]:
 
 
 class _Context:
-    """Multiprocessing context that records its processes; Python itself lists only running processes."""
-
     def __init__(self, context: BaseContext) -> None:
         self.context: Any = context
-        self.made: list[BaseProcess] = []
+        self.made: list[BaseProcess] = []  # also processes that have ended, which Python does not list
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.context, name)
@@ -99,7 +96,7 @@ def _follow() -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Delay interruptions (Ctrl-C, SIGTERM) to the end of the `with` block; processes started in it get no Ctrl-C."""
+    """Delay Ctrl-C and SIGTERM to the end of the `with` block; processes started in the block get no Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():  # only the main thread receives signals
         yield
         return

@@ -33,12 +33,12 @@ def by_content(kind: type[T]) -> type[T]:
     return kind
 
 
-# attributes by which systems of python-control are compared, because they have no `==` of their own
+# attributes by which systems of python-control are compared, because python-control defines no `==` for them
 _OF_SYSTEMS = ("dt", "A", "B", "C", "D", "num", "den", "frdata", "omega")
 
 
 def same(one: object, other: object) -> bool:
-    """True if two values are equal by content."""
+    """True if two values are equal; arrays, records and containers are compared by content."""
     if one is other:
         return True
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
@@ -60,7 +60,6 @@ def same(one: object, other: object) -> bool:
 
 
 def _parts(value: object) -> tuple[Any, ...] | None:
-    """Parts by which an object is compared; None if `==` of the object itself decides."""
     kind: Any = type(value)
     if dataclasses.is_dataclass(value) and kind.__eq__ is _equal:
         return tuple(getattr(value, field.name) for field in dataclasses.fields(value) if field.compare)
@@ -72,17 +71,14 @@ def _parts(value: object) -> tuple[Any, ...] | None:
 
 
 def _equal(self: Any, other: object) -> bool:
-    """Method `__eq__` of the dataclasses."""
     return same(_parts(self), _parts(other)) if type(self) is type(other) else NotImplemented
 
 
 def _hash(self: Any) -> int:
-    """Method `__hash__` of the dataclasses."""
     return hash((type(self), _hash_of(_parts(self))))
 
 
 def _hash_of(value: object) -> int:
-    """Hash by content, equal for equal values; TypeError for a list or a mapping, which can change."""
     if isinstance(value, float):
         return hash(value) if value == value else 0
     if isinstance(value, np.ndarray):

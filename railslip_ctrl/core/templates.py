@@ -11,12 +11,12 @@ from typing import Any
 
 @cache
 def texts(package: str | None, name: str) -> dict[str, Any]:
-    """Tables of a TOML file in a package, usually the caller's `__package__`; cached, so do not change them."""
+    """Return the tables of the TOML file `name` in a package; the result is cached, so do not change it."""
     return tomllib.loads(files(package or "").joinpath(name).read_text("utf-8"))
 
 
 def environment(package: str, **options: Any) -> Any:
-    """Jinja environment for a package's folder `templates/`; a line with only a Jinja statement prints nothing."""
+    """Return the Jinja environment for the folder `templates/` of a package."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     return Environment(
@@ -30,13 +30,12 @@ def environment(package: str, **options: Any) -> Any:
 
 
 def filled(text: str, numbers: Mapping[str, Any]) -> str:
-    """Fill numbers into a template and return one line; floats have the format :g, or spec with the filter f(spec)."""
+    """Fill numbers into a template and return one line; floats are formatted with :g, or with the filter f(format)."""
     return " ".join(_template(text).render(numbers).split())
 
 
 @cache
 def _template(text: str) -> Any:
-    """Compiled Jinja template of a text."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(

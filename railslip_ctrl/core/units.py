@@ -107,12 +107,10 @@ def shown(value: object) -> str:
 
 
 def _in(unit: str) -> str:
-    """Return " in" and the unit, for a message; empty text for a pure number."""
     return "" if unit == "1" else f" in {unit}"
 
 
 def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
-    """Value as a number in `unit`, finite or not; InputError for any other value."""
     if isinstance(value, str):
         return _parse(value, unit, needs_unit=text_needs_unit)
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -124,7 +122,6 @@ def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
 
 
 def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
-    """Text as a number in `unit`; InputError if it is not a number, or lacks a unit and `needs_unit` is true."""
     if _NOT_FINITE.fullmatch(text):
         return float(text)
     text = text.translate(_MINUS)
@@ -144,11 +141,9 @@ def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
 
 
 def factor(given: str, unit: str, *, of: str = "") -> float:
-    """Return the conversion factor from the unit `given` to `unit`.
+    """Return the conversion factor from the unit `given` to `unit`; InputError if there is none.
 
-    - of: text that contains the unit, for the error message.
-
-    InputError: `given` is not a unit, is ambiguous, or has another dimension.
+    `of` is the text that contains the unit, for the error message.
     """
     words = _unit_words(given)
     if words is None:
@@ -181,15 +176,11 @@ def factor(given: str, unit: str, *, of: str = "") -> float:
 
 
 def _not_a_unit(given: str, unit: str, of: str) -> InputError:
-    """InputError for text that is not a unit."""
     return InputError(f"{shown(given)}{f' in {shown(of)}' if of else ''} is not a unit; give a number{_in(unit)}")
 
 
 def _readings(words: list[str], unit: str) -> Iterator[str]:
-    """Yield the possible meanings of a unit, as text for Pint, in the order in which they are tried.
-
-    The first uses `TRADE_UNITS`, the second the words as given, the third `TRADE_UNITS` with case ignored.
-    """
+    """Yield the possible meanings of a unit, as text for Pint, in the order in which they are tried."""
     if unit == "rad/s" and "".join(words).lower() in _TURNS_PER_MINUTE:
         yield "rpm"
     for known in (TRADE_UNITS, {}, _ANY_CASE):
@@ -241,7 +232,8 @@ def quantity(
 
 
 BOUND_DIGITS = 3  #: number of significant digits of bounds and of worst cases in texts
-_EXACT = 1e-12  # relative distance to a rounded number below which a number counts as already rounded
+_EXACT = 1e-12  # relative rounding error; a number this near to a rounded number is not rounded further
+
 _SAME = 1e-6  # relative tolerance of Ms; a tuned design exceeds its bound on Ms by less than this
 _LARGE = 100.0  # Ms above which a loop is practically unstable and three digits suffice
 
@@ -272,7 +264,6 @@ def ms_down(bound: float) -> str:
 
 
 def _rounded(value: float, digits: int, rounding: Callable[[float], float]) -> float:
-    """Round to `digits` significant digits by a function that rounds to integers."""
     if value == 0 or not math.isfinite(value):
         return value
     places = digits - 1 - math.floor(math.log10(abs(value)))

@@ -1,15 +1,10 @@
 """Braking runs and their scenarios, campaigns of many runs, and the shortest stop that any controller can reach.
 
 This package imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`.
-
-- `scenario`: conditions of a braking run as a record, and scenario files; `paths` reads and changes single numbers of a
-  record by a path such as "vehicle.mass".
-- `kernel`: the integration loop. Its source text is joined with the texts of an adhesion law and a controller to one
-  module, which Numba compiles.
-- `bound`: the stop that no controller can beat, and a comparison of controllers with this stop.
-- `campaign`: many runs with varied quantities; `population`: random vehicles and rails.
-- `embedded`: writes a controller as a C99 program.
-- `gpu`: simulates runs on a CUDA GPU, with the random numbers of `counted`.
+`scenario` defines the conditions of a run, and `paths` changes single numbers of them. `kernel` integrates a run; on a
+GPU, `gpu` does so with the random numbers of `counted`. `campaign` makes many runs with varied quantities, and
+`population` makes random vehicles and rails. `bound` computes the stop that no controller can beat. `embedded` writes a
+controller as a C99 program.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Lower bound of the stopping distance for any controller, and a comparison of controllers with this bound.
-
-The bound assumes the highest adhesion of the rail at every moment, within the limits of the brake.
-"""
+"""Lower bound of the stopping distance for any controller, and a comparison of controllers with this bound."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ from .scenario import Event, Scenario, event_position
 
 _SPEEDS = 33  # number of speeds at which the peak adhesion is computed, and between which it is interpolated
 _TOLERANCE = 1e-9  # relative tolerance of the integration
-_FAR = 1e6  # m, replaces an infinite distance, because the optimiser interpolates by parabolas
+_FAR = 1e6  # m, replaces an infinite distance, through which the optimiser could not fit a parabola
 
 
 @dataclass(frozen=True)
@@ -39,11 +36,11 @@ class ClairvoyantStop:
 def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     """Return lower bounds of braking time and distance in a scenario, for any controller.
 
-    The random force, whose mean is zero, is left out. The ideal controller holds the slip of highest adhesion
-    (`numeric.peak`) as soon as the brake allows it. The brake torque begins to rise after the dead time, and not faster
-    than the rate limit. If the scenario has a largest torque, the torque also rises with the lag. Without a largest
-    torque the lag is neglected, because a sufficiently large command overcomes it. The inertia of the wheel is
-    neglected: the adhesion torque r Fa is at most the brake torque plus the viscous torque B v/r.
+    The ideal controller keeps the slip of highest adhesion (`numeric.peak`) as soon as the brake allows it. The brake
+    torque begins to rise after the dead time, and not faster than the rate limit. If the scenario has a largest torque,
+    the torque also rises with the lag. Without a largest torque the lag is neglected, because a large command overcomes
+    it. The inertia of the wheel is neglected: the adhesion torque r Fa is at most the brake torque plus the viscous
+    torque B v/r. The random force, whose mean is zero, is left out.
 
     InputError if some events are at a time and others at a distance, because their order depends on the controller.
     """
@@ -70,10 +67,7 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
 
 
 def _after(scenario: Scenario, past: list[Event]) -> tuple[float, Floats, Floats]:
-    """Return the effective mass, kg, speeds, m/s, 1-D, and the highest adhesion force, N, at each of these speeds.
-
-    The values are those after the `past` events.
-    """
+    """Effective mass, kg, speeds, m/s, 1-D, and highest adhesion force at each speed, N, after the `past` events."""
     mass, rail, factor = scenario.vehicle.mass, scenario.rail, scenario.adhesion_factor
     for event in past:
         mass, rail, factor = event.mass or mass, event.rail or rail, event.adhesion_factor or factor
@@ -115,7 +109,6 @@ def _brake(
 
 
 def _available_torque(scenario: Scenario) -> Callable[[float], float]:
-    """Return a function of time, s, that returns the largest torque, N*m, that the brake can have reached."""
     actuator, limits = scenario.vehicle.actuator, scenario.limits
 
     def available(t: float) -> float:
@@ -130,8 +123,6 @@ def _available_torque(scenario: Scenario) -> Callable[[float], float]:
     return available
 
 
-# --- with the time that slip takes to build up ----------------------------------------------------------------------
-
 _SWITCHES = 9  # number of equally spaced times that are tried first for the end of the full torque
 _MOST_SLIP = 0.4  # largest slip ratio up to which full torque is tried; the shortest stops need less
 _SAMPLES = 100  # number of times at which the command that holds the slip is compared with its limits
@@ -143,9 +134,10 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
 
     The controller commands the largest torque, then no torque until the slip stops rising. Then it holds this slip
     ratio, or lets it decay to a smaller value. The search varies the time at which the torque is switched off, the
-    final slip and the decay time. In contrast to `clairvoyant_stop`, the stop includes the dynamics of adhesion and
-    wheel. The shortest possible distance is therefore between the results of the two functions. Time and distance are
-    infinite if no stop is found.
+    final slip and the decay time. Time and distance are infinite if no stop is found.
+
+    In contrast to `clairvoyant_stop`, the dynamics of adhesion and wheel are included. The shortest possible distance
+    is therefore between the results of the two functions.
 
     InputError for a scenario without a largest torque, or with a rate limit or events.
     """
@@ -176,10 +168,7 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
 
 
 class _Path:
-    """Braking runs of a scenario without noise, under full torque and under a torque that holds the slip.
-
-    The states are speed, slip velocity, adhesion state, torque and distance.
-    """
+    """Braking runs without noise; the states are speed, slip velocity, adhesion state, torque and distance."""
 
     def __init__(self, scenario: Scenario) -> None:
         law = scenario.law(scenario.rail, scenario.adhesion_factor)
@@ -205,23 +194,17 @@ class _Path:
 
     @property
     def latest(self) -> float:
-        """Time, s, at which the slip ratio reaches `_MOST_SLIP` under the largest torque."""
+        """Time, s, at which the slip ratio under the largest torque reaches `_MOST_SLIP`, or else the longest time."""
         return float(self._full.t[-1])
 
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
-        """Return the stop with the largest torque until time `switch`, s, and then a slip ratio that decays.
-
-        The slip ratio decays from the value at which it stops rising to `share` (ratio) times this value, with the
-        decay time `time`, s. Time and distance of the stop are infinite if the slip does not stop rising, or if the
-        required command exceeds the limits of the brake.
-        """
+        """Stop of `attainable_stop` with full torque until `switch`, s, final share of the slip, and decay time, s."""
         try:
             return self._stop(switch, share, time)
         except ValueError:  # SciPy: the interpolation has no sign change at the event
             return ClairvoyantStop(math.inf, math.inf)
 
     def _stop(self, switch: float, share: float, time: float) -> ClairvoyantStop:
-        """Return the result of `stop`; ValueError if SciPy does not find the instant of an event."""
         never = ClairvoyantStop(math.inf, math.inf)
         released = self._driven(0.0)
 
@@ -243,7 +226,6 @@ class _Path:
         return self._hold(float(back.t[-1]), back.y[:, -1], share, time)
 
     def _hold(self, start: float, begin: Floats, share: float, time: float) -> ClairvoyantStop:
-        """Return the stop whose slip ratio decays, as in `stop`, from time `start`, s, and the state `begin` on."""
         first, final = begin[1] / begin[0], self._scenario.final_speed
 
         def slip(t: Any) -> Any:
@@ -269,19 +251,18 @@ class _Path:
         return ClairvoyantStop(float(solution.t[-1]), float(solution.y[2, -1]))
 
     def _holding_torque(self, t: Floats, speed: Floats, state: Floats, slip: Callable[[Floats], Floats]) -> Floats:
-        """Return the acting torque, N*m, that keeps the slip ratio at `slip(t)`, at the times t, s."""
         ratio, rate = slip(t), (slip(t + _STEP) - slip(t - _STEP)) / (2 * _STEP)
         change, at_zero, _ = self._plant(t, speed, ratio * speed, state, 0.0)
-        at_unit = self._plant(t, speed, ratio * speed, state, 1.0)[1]
+        at_unit = self._plant(t, speed, ratio * speed, state, 1.0)[1]  # the rate of sigma is linear in the torque
         return np.asarray((ratio * change + rate * speed - at_zero) / (at_unit - at_zero))
 
     def _plant(self, t: Any, speed: Any, sigma: Any, state: Any, torque: float) -> tuple[Any, Any, Any]:
-        """Return the time derivatives of speed, slip velocity and adhesion state; arguments are numbers or arrays."""
+        """Return the time derivatives of speed, slip velocity and adhesion state."""
         rates = self._rates(speed, sigma, state, torque, 0.0, self._scenario.viscous_rate * t, self._parameters)
         return rates[0], rates[1], rates[2] if len(rates) > 2 else 0.0
 
     def _driven(self, command: float) -> Callable[[float, Floats], list[float]]:
-        """Return a function (time, state) that returns the derivative of the state under a constant command, N*m."""
+        """Return the right-hand side of the differential equations for a constant command, N*m."""
 
         def rates(t: float, y: Floats) -> list[float]:
             lag = self._actuator.lag
@@ -294,19 +275,13 @@ class _Path:
 _SOLVER: dict[str, Any] = {"method": "LSODA", "rtol": 1e-6, "atol": 1e-7}
 _STEP = 1e-4  # s, step of the difference for the rate of the slip ratio
 _LEAST_TIME = 0.05  # s, shortest decay time of the slip ratio that is tried
-_LESS = (0.6, 1.0)  # start of the search: final share of the slip ratio, decay time in s
+_LESS = (0.6, 1.0)  # start of the search with decay: `share` and decay time, s, of `stop`
 _LONGEST_BACK = 5.0  # s, longest time without torque until the slip stops rising
-
-
-# --- controllers side by side over the same braking runs --------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean over the runs in which the train stopped, and standard error of this mean.
-
-    Both are NaN if no train stopped; the error is NaN if one train stopped.
-    """
+    """Mean over the runs in which the train stopped, and its standard error; NaN if there are too few of these runs."""
 
     value: float
     error: float
@@ -314,14 +289,14 @@ class Mean:
 
 @dataclass(frozen=True)
 class ControllerRow:
-    """Results of a controller over all seeds.
+    """Results of a controller over all seeds; the means are over the runs in which the train stopped.
 
     - runs, stopped: number of runs, and number of runs in which the train stopped.
     - outcomes: number of runs by outcome.
     - lock_time: time with r omega < 0.02 v, s.
     - beyond_bound: braking distance minus that of `clairvoyant_stop`, m.
 
-    The other fields are those of `Run`, in SI units. All means are over the runs in which the train stopped.
+    The other fields are those of `Run`, in SI units.
     """
 
     name: str
@@ -368,8 +343,6 @@ def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequ
     - scenario: the braking run.
     - controllers: controllers by name, as for `simulate`.
     - seeds: seeds of the noise, one for each run; all controllers have the same noise.
-
-    Returns means for each controller, SI, and the lower bounds of `clairvoyant_stop`, which is computed without noise.
     """
     bound = clairvoyant_stop(scenario)
     simulators = {name: Simulator(scenario, controller) for name, controller in controllers.items()}

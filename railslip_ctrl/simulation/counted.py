@@ -15,10 +15,9 @@ class Counted(NamedTuple):
 
 
 def normal(key0: Any, key1: Any, counter: Any, stream: Any) -> Any:
-    """Return the standard normal random number with the number `counter` in the sequence with the number `stream`.
+    """Return the standard normal number with the index `counter` in the random sequence `stream`.
 
-    All arguments are integers; counter and stream may also be integer arrays, which give an array of numbers (ratio).
-    The keys, 32 bits each, are the seed.
+    The keys, integers of 32 bits, are the seed. Integer arrays as counter and stream give an array of numbers.
     """
     c0, c1, c2, c3, k0, k1 = counter, stream, 0, 0, int(key0), int(key1)
     for _ in range(10):

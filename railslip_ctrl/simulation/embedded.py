@@ -1,4 +1,4 @@
-"""Writes a controller as a C99 program, with a comment that states the effect of single precision."""
+"""Writes a controller as a C99 program, whose comment states the effect of single precision."""
 
 from __future__ import annotations
 
@@ -62,8 +62,7 @@ def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tu
 def single_precision_deviation(control: Controller, vehicle: Vehicle, rails: Sequence[Rail] = tuple(Rail)) -> float:
     """Return the largest difference, N*m, between the commands in single and in double precision.
 
-    The difference is taken over a stop on each of the `rails`. Both commands are computed from the same measurements,
-    those of a run with the controller in double precision.
+    Both commands are computed from the measurements of a stop on each of the `rails`, simulated in double precision.
     """
     largest, step = 0.0, control.whole_step
     for rail in rails:
@@ -89,5 +88,4 @@ def single_precision_deviation(control: Controller, vehicle: Vehicle, rails: Seq
 
 
 def _single(value: Any) -> Any:
-    """Convert a number, or a list of numbers, to single precision."""
     return [np.float32(x) for x in value] if isinstance(value, list | tuple) else np.float32(value)

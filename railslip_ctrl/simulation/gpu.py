@@ -1,7 +1,4 @@
-"""Braking runs on a CUDA GPU, with one thread for each stop.
-
-The program is the source text of `kernel` for the CPU, in which a few lines are replaced.
-"""
+"""Braking runs on a CUDA GPU, by the source text of `kernel` in which a few lines are replaced."""
 
 from __future__ import annotations
 
@@ -77,12 +74,7 @@ def every_stop(settings, event_time, event_distance, event_p, event_c, event_cho
 
 
 def cuda_text(text: str, events: int, history: int, options: str = "") -> str:
-    """Return the source `text` of a simulation changed for CUDA.
-
-    - events: largest number of events of a stop.
-    - history: largest number of past commands that the dead time requires.
-    - options: options of the CUDA compiler as Python text.
-    """
+    """Return the source `text` of a simulation, changed for CUDA; `events` and `history` are lengths of its arrays."""
     for old, new in _CHANGES.items():
         assert text.count(old) == 1, f"the kernel has {old!r} once"
         text = text.replace(old, new.format(events=events, history=history))
@@ -112,7 +104,7 @@ def _module(text: str) -> ModuleType:
 def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Floats, Floats, Floats]]:
     """Prepare stops with the same type of adhesion law and the same controller; return a function that simulates them.
 
-    The function returns three arrays with a row for each stop: number of the outcome, final state, and summary.
+    The function returns three arrays with a row for each stop: index of the outcome, final state, and summary.
     """
     cuda, simulator, plans = check_device(), stops[0][0], [one.plan for one, _ in stops]
     history = max(int(one.settings["dead_time"] / one.settings["period"]) for one in plans) + 3
@@ -134,10 +126,7 @@ def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Flo
 
 
 def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
-    """Simulate stops with the same type of adhesion law and the same controller on a GPU, and yield their runs.
-
-    InputError if there is no GPU, or if the controller is a user's Python object or function.
-    """
+    """Simulate the stops of `launch` and yield their runs; InputError without a GPU or for a user's Python code."""
     cuda, controller = check_device(), stops[0][0].controller
     if isinstance(controller, StepControl):
         raise InputError(f"--device: a GPU cannot run the Python code of {controller.label}; leave --device out")
@@ -149,12 +138,10 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
 
 
 def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
-    """Return the arguments of the CUDA function `every_stop` from `settings` to `x`.
-
-    An event that never happens is added as last event. `table` is the index of the adhesion table.
-    """
+    """Return the arguments `settings` to `x` of the CUDA function `every_stop` for one stop."""
     plan, force, noise = simulator.plan, simulator.scenario.disturbances, simulator.scenario.measurement
     hold = force.random_hold if force.random_force > 0 else 0.0
+    # an event that never happens is the last one
     padded = (np.concatenate([one, np.full((1, *one.shape[1:]), end)]) for one, end in zip(
         plan.events, (np.inf, np.inf, np.nan, np.nan, -1), strict=True))  # fmt: skip
     draws = np.array([force.random_force, *seed]), np.array([[noise.speed_noise, noise.wheel_noise], seed])

@@ -25,8 +25,6 @@ from railslip_ctrl.model.kernels import (
     stiffness,
 )
 
-# --- layout --------------------------------------------------------------------------------------------------------
-
 V, SIGMA, Z, TORQUE, DISTANCE = 0, 1, 2, 3, 4
 WORK = 5  # first of six works, J, taken from train and wheel: brake, slip, viscous, resistance, random, disturbance
 STATES = 11
@@ -116,9 +114,6 @@ class Events(NamedTuple):
     chosen: np.ndarray
 
 
-# --- one step ------------------------------------------------------------------------------------------------------
-
-
 @compiled
 def disturbance(t, torque, a):
     """Return the caliper's disturbance Td, N*m: a decaying oscillation in proportion to the acting torque."""
@@ -130,10 +125,7 @@ def disturbance(t, torque, a):
 
 @compiled
 def lag(torque, delayed, a):
-    """Return the rate of the brake torque, N*m/s, by a first-order lag, limited to the largest rate.
-
-    The lag of a rising torque (fill) may differ from that of a falling torque (dump).
-    """
+    """Return the rate of the brake torque, N*m/s, of a first-order lag with a rate limit."""
     time_constant = a.lag_fill if delayed > torque else a.lag_dump
     rate = lag_rate(torque, delayed, time_constant)
     return min(max(rate, -a.rate_limit), a.rate_limit)
@@ -141,7 +133,7 @@ def lag(torque, delayed, a):
 
 @compiled
 def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
-    """Write the time derivatives of the states and of the works into `rate`; sigma stays equal to v while `locked`."""
+    """Write the time derivatives of the states and works into `rate`; sigma stays equal to v while `locked`."""
     p[P_VISCOUS] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     torque = y[TORQUE]
     td = disturbance(t, torque, a)
@@ -198,10 +190,7 @@ def crossings(t, y, p, table, a, locked, random_torque, next_distance):
 
 @compiled
 def fastest(y, random_torque, p, table, a):
-    """Return the fastest rate of the system, 1/s, which limits the step.
-
-    It is the spectral radius of the dynamics of sigma and z, or 1/lag of the brake if this is larger.
-    """
+    """Return the spectral radius of the dynamics of sigma and z, 1/s, or 1/lag of the brake if this is larger."""
     a11, a12, a21, a22 = stiffness(y[V], y[SIGMA], y[Z], y[TORQUE], 0.0, random_torque, p, table)
     half_trace, determinant = 0.5 * (a11 + a22), a11 * a22 - a12 * a21
     discriminant = half_trace * half_trace - determinant
@@ -220,28 +209,22 @@ def energy(y, p):
 
 @compiled
 def quantized(value, quantum):
-    """Round a value to multiples of the sensor's quantum; 0 means no rounding."""
+    """Round a value to multiples of a sensor's resolution `quantum`; 0 means no rounding."""
     return value if quantum <= 0.0 else quantum * math.floor(value / quantum + 0.5)
 
 
 @compiled
 def domain_limit(v, limits):
-    """Return the largest slip velocity, m/s, at train speed v, m/s, for which the adhesion law is defined.
-
-    `limits[1:]` are these slip velocities at equally spaced speeds from 0 to `limits[0]`; they are interpolated.
-    """
+    """Return the largest slip velocity, m/s, in the domain of the adhesion law at train speed v, m/s."""
     intervals = limits.size - 2
     position = min(max(v / limits[0] * intervals, 0.0), float(intervals))
     i = min(int(position), intervals - 1)
     return limits[1 + i] + (position - i) * (limits[2 + i] - limits[1 + i])
 
 
-# --- a run ---------------------------------------------------------------------------------------------------------
-
-
 @compiled
 def fire(i, y, p, c, chosen, events):
-    """Apply event i to `p`, `c` and `chosen` (numbers of the adhesion laws); return the change of kinetic energy, J."""
+    """Apply event i to `p`, `c` and `chosen`; return the change of kinetic energy, J."""
     before = energy(y, p)
     for j in range(p.size):
         if not math.isnan(events.p[i, j]):
@@ -289,10 +272,7 @@ def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, me
 
 @compiled
 def crossing_share(t, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new):
-    """Return the part of the step h, a ratio, after which `crossings` becomes nonzero.
-
-    The state just after this instant is written to `new`.
-    """
+    """Return the share of the step h after which `crossings` is nonzero; write the state at this instant to `new`."""
     low, high = 0.0, 1.0
     for halving in range(_BISECTIONS + 1):
         share = 0.5 * (low + high) if halving < _BISECTIONS else high
@@ -322,10 +302,7 @@ def next_instant(t, sample_end, switch, a, events, fired, tiny):
 
 @compiled
 def fire_due(latest, distance, y, p, c, chosen, events, fired, summary):
-    """Apply the events up to time `latest`, s, or `distance`, m, that are not yet applied.
-
-    The change of kinetic energy is added to the summary.
-    """
+    """Apply the events up to time `latest`, s, or `distance`, m; add the change of kinetic energy to the summary."""
     for i in range(fired.size):
         if not fired[i] and (events.time[i] <= latest or events.distance[i] <= distance):
             fired[i] = True
@@ -348,12 +325,7 @@ def random_torque_at(t, forces, p, a):
 
 @compiled
 def encoder(sample, turning, a, measured):
-    """Return the wheel speed, rad/s, as measured by an encoder; `turning` is the true wheel speed, rad/s.
-
-    At each sample, the last tooth that has passed and its time are stored. The measured speed is the angle between the
-    teeth of two samples divided by the difference of their times. The time at which a tooth passes is computed as
-    if the wheel turned at the speed of the next sample until that sample.
-    """
+    """Return the wheel speed, rad/s, as measured by the encoder of `Measurement`; `turning` is the true wheel speed."""
     if sample == 0:
         measured[TRUE_TURNING], measured[READ] = turning, turning
         return turning
@@ -361,6 +333,7 @@ def encoder(sample, turning, a, measured):
     measured[ANGLE] += 0.5 * a.period * (measured[TRUE_TURNING] + turning)
     measured[TRUE_TURNING] = turning
     now, passed_by = sample * a.period, math.floor(measured[ANGLE] / tooth)
+    # the time of the last tooth is computed as if the wheel had turned at its present speed since then
     if passed_by > measured[TEETH]:
         since = (measured[ANGLE] - passed_by * tooth) / turning if turning > 0.0 else 0.0
         last = now - min(since, a.period)
@@ -387,7 +360,7 @@ def measure(sample, y, p, a, noise, measured):
 
 @entry
 def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every, summary):
-    """Integrate a run; return the number of its outcome and the number of rows that are written to `log`.
+    """Integrate a run; return the index of its outcome and the number of rows that are written to `log`.
 
     The arrays p, c, chosen, y, x, log and summary are changed. Before the first sample the command equals the initial
     torque. `every` is the number of samples between two rows of the log; 0: no rows.
@@ -441,10 +414,7 @@ def interval(
     sample, delay, rest, tiny, t, locked, a, events, fired, forces, history, p, c, chosen, tables, limits, y, k, new,
     summary,
 ):  # fmt: skip
-    """Integrate from one sample to the next; return status, time (s) and whether the wheel is locked.
-
-    The status OUT_OF_TIME means here that the run continues.
-    """
+    """Integrate from one sample to the next; return status (OUT_OF_TIME: the run continues), time, s, and `locked`."""
     sample_end, switch = min((sample + 1) * a.period, a.longest_time), sample * a.period + rest
     standing = 0
     while t < sample_end - tiny:
@@ -475,10 +445,7 @@ def interval(
 
 @compiled
 def piece(t, until, locked, a, delayed, random_torque, next_distance, p, c, table, limits, y, k, new, summary):
-    """Integrate from time t to `until`, s, or to the first change that `crossings` reports.
-
-    Returns status, time (s), result of `crossings`, and whether the wheel is locked.
-    """
+    """Integrate to time `until`, s, or to the first of `crossings`; return status, time, s, crossings and `locked`."""
     now = t
     while True:
         needed = (until - now) * max(fastest(y, random_torque, p, table, a) / _STIFFNESS_LIMIT, 1.0 / a.step)

@@ -29,10 +29,7 @@ def members(record: Any) -> dict[str, Any]:
 
 
 def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
-    """Return all numbers of a record, of the records and of the tuples in it, by path.
-
-    Optional numbers that are not set are included. `prefix` is put in front of every path.
-    """
+    """Return all numbers in a record, and in the records and tuples inside it, by path, with `prefix` in front."""
     units: dict[str, str] = {}  # units of the members whose type allows a number
     if isinstance(record, Record):
         units = record.units()
@@ -50,12 +47,9 @@ def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
 
 
 def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
-    """Return a copy of a record in which some numbers are changed.
+    """Return a copy of a record with new numbers, given by path in the units of the record.
 
-    - changes: new numbers by path, in the units of the record.
-    - where: name of the record in messages.
-
-    InputError for a number that the record does not allow.
+    `where` names the record in messages. InputError for a number that the record does not allow.
     """
     new: dict[str, Any] = {}
     inner: dict[str, dict[str, float]] = {}

@@ -1,7 +1,7 @@
 """Stops of random vehicles on random rails, for which no controller was tuned; each seed gives one stop.
 
-Seeds below `CHECK` are for development, seeds from `CHECK` on for checks only. A stop can be simulated without errors,
-or with errors of sensors, brake and assumed parameters; vehicle and rail are then the same.
+A stop can be simulated without errors, or with errors of sensors, brake and assumed parameters; vehicle and rail are
+the same in both cases.
 """
 
 from __future__ import annotations
@@ -22,24 +22,14 @@ from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 
 from .scenario import Beliefs, BrakeLimits, Event, Measurement, Scenario, stop
 
-CHECK = 9000
-"""First seed of the checks."""
+CHECK = 9000  #: seeds below this number are for development, the others only for checks
 
 SPEED_SCALE, RADIUS, GAIN, BRAKE = 0.02, 0.02, 0.15, 0.3
 """Largest relative errors of measured train speed, assumed radius, torque gain, and assumed dead time and lag."""
 
-SPEED_NOISE = 0.05
-"""Standard deviation of the noise of the measured train speed, m/s; the noise of each sample is independent."""
-
-TEETH = (80, 200)
-"""Smallest and largest number of teeth of the wheel-speed encoder."""
-
-PITCH_ERROR = 0.01
-"""Standard deviation of the position error of an encoder edge, in tooth pitches.
-
-The measured speed is the angle between the first and the last edge of a sampling period, divided by their time
-difference.
-"""
+SPEED_NOISE = 0.05  #: standard deviation of the noise of each sample of the train speed, m/s
+TEETH = (80, 200)  #: smallest and largest number of teeth of the wheel-speed encoder
+PITCH_ERROR = 0.01  #: standard deviation of the position error of an encoder edge, in tooth pitches
 
 
 @dataclass(frozen=True)
@@ -69,11 +59,8 @@ def random_vehicle(rng: np.random.Generator) -> Vehicle:
     return PARK2008.model_copy(update={"name": "random", **of_load, **changed})
 
 
-# --- rails ------------------------------------------------------------------------------------------------------------
-
-
 def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Return a random adhesion curve with one hump, as a table; it does not depend on the wheel load.
+    """Return a random adhesion curve with one peak, as a table; it does not depend on the wheel load.
 
     The peak is at a slip ratio of 0.008 to 0.15, where mu is 0.05 to 0.35. Let x be the slip divided by the slip of the
     peak. For x < 1, mu is proportional to 1 - (1 - x)^a. For x > 1, mu falls towards a plateau; the difference from the
@@ -87,7 +74,7 @@ def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
 
 
 def two_stage(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Return a random adhesion curve similar to `one_hump`, on which adhesion falls beyond the peak and rises again.
+    """Return a random adhesion curve like that of `one_hump`, on which adhesion rises again at large slip.
 
     The peak is at a slip ratio of 0.008 to 0.03. At slip ratio 0.25, mu is 0.7 to 1.1 times the peak value.
     """
@@ -111,7 +98,7 @@ def _reference(slip: float) -> ReferenceSlip:
 
 
 def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
-    """Return Polach's law with random parameters near those that he gives for dry and wet rail.
+    """Return Polach's law with random parameters near the parameters that he gives for dry and wet rail.
 
     The semi-axes of the contact ellipse are proportional to the cube root of `wheel_load`, N.
     """
@@ -124,10 +111,7 @@ def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
 
 
 def burckhardt(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Return Burckhardt's curve with random parameters in the range of rails.
-
-    c1 is 0.06 to 0.35, 1/c2 is 0.002 to 0.04, and c3 is 0.2 to 0.7 times c1.
-    """
+    """Return Burckhardt's curve with random parameters in the range of rails."""
     c1, c2, fall = rng.uniform(0.06, 0.35), 1.0 / _log_uniform(rng, 0.002, 0.04), rng.uniform(0.2, 0.7)
     return law_class("burckhardt").model_validate({"c1": c1, "c2": c2, "c3": fall * c1, "reference": _reference(0.05)})
 
@@ -172,9 +156,6 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = Ma
 """Functions that return a random adhesion law, by name; "changing" also changes the rail once during the stop."""
 
 
-# --- stops ------------------------------------------------------------------------------------------------------------
-
-
 def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) -> Scenario:
     """Return the random stop of a seed, from 100 to 5 km/h, with commands up to the full brake torque.
 
@@ -196,20 +177,15 @@ def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) ->
 
 
 def _errors(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str, object]:
-    """Return the fields of a scenario that contain the random errors; `high` is the largest command, N*m.
-
-    A scale factor of the measured train speed is drawn, but the assumed wheel radius is divided by it instead. The
-    error of the slip ratio is the same.
-    """
     scale, radius, gain = (1.0 + rng.uniform(-bound, bound) for bound in (SPEED_SCALE, RADIUS, GAIN))
     dead_time, lag = 1.0 + rng.uniform(-BRAKE, BRAKE, size=2)
     teeth = rng.integers(*TEETH, endpoint=True)
-    edge = PITCH_ERROR * 2.0 * math.pi / teeth
+    edge = PITCH_ERROR * 2.0 * math.pi / teeth  # the speed is the angle between two edges over a sampling period
     actuator = vehicle.actuator
     return {
         "limits": BrakeLimits(torque_max=high, torque_gain=gain),
         "beliefs": Beliefs(
-            radius=vehicle.wheel.radius * radius / scale,
+            radius=vehicle.wheel.radius * radius / scale,  # `scale` on the measured train speed has the same effect
             dead_time=actuator.dead_time * dead_time,
             lag=actuator.lag * lag,
         ),

@@ -31,14 +31,14 @@ from . import kernel as layout
 from .counted import Counted, normal
 from .scenario import LEAST_STEP, Event, Scenario, event_position
 
-LOCKED_SHARE = 0.02  #: a wheel counts as locked while r omega < 0.02 v
-REACHED_SHARE = 0.95  #: the reference slip counts as reached from 0.95 times its value
+LOCKED_SHARE = 0.02  #: a wheel is reported as locked while r omega < 0.02 v
+REACHED_SHARE = 0.95  #: the reference slip is reported as reached from 0.95 times its value
 
 _DOMAIN_INTERVALS = 64  # intervals of the grid of speeds for the limits of an adhesion law's domain
 _NO_LIMIT = 1e300  # m/s, replaces an infinite limit of the slip velocity
 
 LARGEST_SPACING = 2**31  #: largest `record_every`, samples between two rows of a record; no run has more samples
-GIVEN_DRAWS = -1  #: value of `Run.seed` if the user gave the random numbers themselves (`Noise`)
+GIVEN_DRAWS = -1  #: value of `Run.seed` if the random numbers were given as a `Noise`
 
 
 class Outcome(StrEnum):
@@ -107,11 +107,11 @@ class Signals(NamedTuple):
 
 @by_content
 class Noise(NamedTuple):
-    """Random numbers of a run, standard normal: ratios of force or sensor noise to its standard deviation.
+    """Random numbers of a run, standard normal: force or sensor noise divided by its standard deviation (ratios).
 
     - force: numbers for the random force, in order of time, 1-D; each holds for `Disturbances.random_hold`.
     - sensors: numbers for the noise of train speed and wheel speed, array (n, 2) with a row for each sample.
-    - seed: if the run is longer than these arrays, further random numbers are drawn from this seed.
+    - seed: seed of further random numbers, if the run is longer than these arrays.
     """
 
     force: Floats
@@ -181,7 +181,6 @@ class Run:
     controller_signals: dict[str, Floats]
 
     def __str__(self) -> str:
-        """Return text in three lines: stop, slip, torque."""
         scenario, lock = self.scenario, "no lock"
         error, references = "", self._references()
         if references:
@@ -199,10 +198,7 @@ class Run:
         )
 
     def plot(self) -> Any:
-        """Return a matplotlib figure of speeds, slip, torque and adhesion over time.
-
-        InputError for a run that was not recorded.
-        """
+        """Return a matplotlib figure of speeds, slip, torque and adhesion over time; InputError without `signals`."""
         if self.signals is None:
             raise InputError("run: its time series were not recorded; simulate with record_every=1")
         plots = import_module("railslip_ctrl.report.plots.runs")  # imported here, because `report` imports this
@@ -215,14 +211,10 @@ class Run:
 
     @property
     def reached(self) -> bool:
-        """True if the slip reached 0.95 times the smallest reference slip of the run.
-
-        Also True if the controller has no reference slip.
-        """
+        """True if the slip reached 0.95 times the smallest reference slip, or if the controller has no reference."""
         return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
-        """Reference slip for each rail condition of the run; empty if the controller has no reference slip."""
         reference = self.controller.reference
         if reference is None:
             return []
@@ -254,10 +246,8 @@ def simulate(
     - record_every: number of samples between two rows of `signals`; None: no signals.
     - compiled: False runs the simulation in the Python interpreter, hundreds of times slower, with the same result.
 
-    Returns a `Run` with outcome, braking time (s), braking distance (m), energies (J), slip (ratio) and torque (N*m).
-    Its `signals` are the time series, 1-D arrays of equal length, SI, or None. InputError: a seed or record_every out
-    of range, an event that the adhesion law does not support, a sampling period of the controller below `LEAST_STEP`,
-    or a user's step that fails or returns no torque.
+    InputError: a seed or record_every out of range, an event that the adhesion law does not support, a sampling period
+    of the controller below `LEAST_STEP`, or a user's step that fails or returns no torque.
     """
     return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
 
@@ -316,11 +306,7 @@ class Simulator:
         return self.result(seed, status, y, summary, log[:written] if every else None)
 
     def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
-        """Return random forces, N, 1-D, measurement noise, (samples, 2), and the time that each force acts, s.
-
-        The time is 0 if the run has no random force. The columns of the noise are train speed (m/s) and wheel speed
-        (rad/s).
-        """
+        """Return random forces, N, sensor noise, (samples, 2), and the hold time of a force, s; 0 without forces."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
         spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:
@@ -399,7 +385,6 @@ def _signals(log: Floats, scenario: Scenario) -> Signals:
 
 
 def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, samples: int) -> tuple[Floats, Floats]:
-    """Return standard normal random numbers: `holds` of them for the random force, and (samples, 2) for the sensors."""
     if isinstance(seed, Counted):
         return normal(*seed, np.arange(holds), 0), normal(*seed, np.arange(samples)[:, None], np.array([1, 2]))
     if isinstance(seed, Noise):
@@ -416,29 +401,20 @@ def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, 
 
 
 def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:
-    """Return the source text of a simulation: adhesion law, controller (its source text), and the loop of `kernel`.
-
-    `compiled` is True if Numba is to compile the functions.
-    """
+    """Return the source text of a simulation: adhesion law, controller (its source text), and the loop of `kernel`."""
     loop = Path(layout.__file__).read_text("utf-8")
     return module_text(law, controller, plain(loop), compiled=compiled)
 
 
 @cache
 def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> ModuleType:
-    """Return the module with the text of `kernel_text` for an adhesion law and the source text of a controller."""
+    """Return the module with the text of `kernel_text`; Numba compiles its functions if `compiled` is True."""
     return module_of(kernel_text(law, controller, compiled=compiled), compiled=compiled)
-
-
-# --- arguments of the kernel -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Arguments of `kernel.run` that do not depend on the noise.
-
-    `samples` is the largest number of samples in a run; `kernel` describes the others.
-    """
+    """Arguments of `kernel.run` that do not depend on the noise; `samples` is the largest number of samples."""
 
     settings: dict[str, float]
     events: layout.Events
@@ -451,7 +427,7 @@ class Plan:
 
 
 class _Laws:
-    """Adhesion laws of a run, each with a wheel load, N; equal laws with equal loads are stored once and numbered."""
+    """Adhesion laws of a run, each with a wheel load, N; equal laws with equal loads are stored once."""
 
     def __init__(self, top_speed: float) -> None:
         self._top_speed, self._laws = top_speed, dict[tuple[AdhesionLaw, float], int]()
@@ -467,10 +443,7 @@ class _Laws:
         return joined
 
     def limits(self) -> Floats:
-        """Return a row for each law: the top speed, m/s, then the largest slip velocity, m/s, on a grid of speeds.
-
-        It is `_NO_LIMIT` for a law that is defined for every slip velocity.
-        """
+        """Return a row for each law: the top speed, m/s, then the largest slip velocity, m/s, on a grid of speeds."""
         speeds = np.linspace(0.0, self._top_speed, _DOMAIN_INTERVALS + 1)
         speeds[0] = 1e-9 * self._top_speed
         rows = [
@@ -514,10 +487,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
 
 
 def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> AdhesionLaw:
-    """Return the adhesion law that the controller assumes on a rail.
-
-    It is the law that the controller sets, or else the law of the scenario with adhesion factor 1.
-    """
+    """Adhesion law that the controller assumes: its own law, or else that of the scenario with adhesion factor 1."""
     return scenario.law(rail) if controller.model_law is None else controller.model_law.on(rail)
 
 
@@ -559,9 +529,6 @@ def _settings(scenario: Scenario, period: float) -> dict[str, float]:
     }
 
 
-# --- the events log --------------------------------------------------------------------------------------------------
-
-
 class LoggedEvent(NamedTuple):
     """An event of a run and the time, s, at which it happened; the time is NaN if it did not happen."""
 
@@ -570,15 +537,11 @@ class LoggedEvent(NamedTuple):
 
     @property
     def reached(self) -> bool:
-        """True if the event happened."""
         return not math.isnan(self.time)
 
     @property
     def text(self) -> str:
-        """Start and changes of the event as text, for example "from 25 s: wet rail, M 5276 kg".
-
-        If the start is a distance, the text also states the time at which it was reached.
-        """
+        """Start and changes of the event as text, for example "from 25 s: wet rail, M 5276 kg"."""
         event = self.event
         place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
         changes = [
@@ -600,7 +563,6 @@ def events_log(run: Run) -> tuple[LoggedEvent, ...]:
 
 
 def _time(event: Event, run: Run) -> float:
-    """Return the time, s, at which an event happened; NaN if the run ended before or at the event."""
     if event.time is not None:
         return event.time if event.time < run.braking_time else math.nan
     assert event.distance is not None, "an event has a time or a distance"

@@ -72,8 +72,8 @@ class Measurement(Record):
 
     At each sample, the encoder provides the last tooth that has passed, and the time at which it passed. The measured
     wheel speed is the angle between the teeth of two samples divided by the difference of their times. It is a mean
-    over this time difference, and therefore delayed by half of it. If no tooth has passed since the last sample, the
-    measured speed is reduced to the value that it would have if a tooth passed now, unless it is already lower.
+    over this time difference, and therefore delayed by half the time difference. If no tooth has passed since the last
+    sample, the measured speed is limited to the value that it would have if a tooth passed now.
     """
 
     speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)
@@ -126,7 +126,7 @@ class Beliefs(Record):
     lag: float | None = quantity("s", "lag of the actuator", ge=0, default=None)
 
     def of(self, vehicle: Vehicle) -> Vehicle:
-        """Return a copy of a vehicle with the parameters that the controllers assume."""
+        """Return a copy of a vehicle with the parameters that the controllers assume for it."""
         wheel = {"radius": self.radius, "inertia": self.wheel_inertia}
         actuator = {"dead_time": self.dead_time, "lag": self.lag}
         own = {"wheel_load": self.wheel_load}
@@ -147,8 +147,8 @@ class Scenario(Record):
     [Park2008] p. 55.
 
     InputError: a value that is not allowed; a final speed that is not below the initial speed; a rate limit or dump lag
-    for a brake without lag; or events whose order is not known. The order of events at a time and events at a distance
-    is not known; if both change the adhesion, each of them must set rail and adhesion factor.
+    for a brake without lag; or events at a time and events at a distance that change the adhesion, unless each of them
+    sets rail and adhesion factor, because their order is not known.
     """
 
     name: str = Field(description="for reports")
@@ -279,9 +279,7 @@ def stop(
 ) -> Scenario:
     """Return the scenario of a stop on one rail, down to 5 km/h, with the random force of [Park2008].
 
-    The random force is proportional to the wheel load.
-
-    - vehicle: the vehicle; its mass and wheel load are those of the stop.
+    - vehicle: the vehicle; the random force is proportional to its wheel load.
     - rail: "dry" or "wet", for the whole stop.
     - speed_kmh: speed at which the brake is applied, km/h.
     - adhesion: an adhesion law, or the name of a published law, which then gets the parameters for this wheel load and
@@ -308,25 +306,21 @@ BUILT_IN = ("park2008", "park2008-si", "stop")  #: names of the scenarios that c
 
 @checked
 def built_in_scenario(name: str) -> Scenario:
-    """Return a built-in scenario by its name in `BUILT_IN`: "park2008", "park2008-si" or "stop".
+    """Return a built-in scenario by its name in `BUILT_IN`; InputError for another name.
 
-    The first two are the results of `published_scenario`, as published and in SI; the third is that of `stop`.
-
-    InputError for another name; the message lists the names.
+    "park2008" and "park2008-si" are the results of `published_scenario`, "stop" is that of `stop`.
     """
     if name not in BUILT_IN:
         raise InputError(f"scenario: unknown name {name!r}; choose one of {', '.join(BUILT_IN)}, or give a TOML file")
     return stop() if name == "stop" else published_scenario(as_published=name == "park2008")
 
 
-# --- scenarios from the user's TOML files ----------------------------------------------------------------------------
-
 _TABLES = ("disturbances", "measurement", "limits", "beliefs")
-_LONGEST_CHAIN = 8  # largest number of scenario files that extend one another; a longer chain is probably a circle
+_LONGEST_CHAIN = 8  # largest number of scenario files that extend one another; a longer chain is probably circular
 
 
 class _Keys(Scenario):
-    """Keys of a scenario file: the fields of `Scenario`, and further keys that change them."""
+    """Keys of a scenario file: the fields of `Scenario`, and keys that change them."""
 
     extends: str | None = None
     loaded: bool = False
@@ -383,10 +377,7 @@ def _extended(name: Any, path: Path, chain: tuple[Path, ...]) -> Scenario:
 
 
 def _vehicle_and_law(keys: dict[str, Any], base: Scenario | None, path: Path) -> dict[str, Any]:
-    """Return the fields vehicle, adhesion and events of the scenario, as far as the file determines them.
-
-    `base` is the scenario that the file extends, or None. `Scenario` reports fields that are missing.
-    """
+    """Fields vehicle, adhesion and events of a scenario that extends `base`, as far as the file sets them."""
     where = file_name(path)
     if "vehicle" not in keys and base is None:
         return {}

@@ -49,9 +49,6 @@ _AHEAD = 3  # number of queued parts for each worker; no worker waits, and memor
 _REACH = 5.0  # s, longest wait for an answer of the scheduler
 
 
-# --- the row of a run -----------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Measure:
     """A result of a run, which is a column of the results of a campaign.
@@ -71,7 +68,7 @@ class Measure:
     shown_unit: str = ""
 
     def of(self, run: Run) -> float | None:
-        """Return the value of the measure for a run; None if the value is NaN, or if `of_stop` excludes this run."""
+        """Return the value of the measure for a run; None if there is no value."""
         value = float(self.read(run)) if run.stopped or not self.of_stop else math.nan
         return None if math.isnan(value) else value
 
@@ -114,11 +111,7 @@ def measured(name: str) -> Measure:
 
 
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
-    """Return the results of a run as a row of the results table, by column.
-
-    - number, values, controller: number of the run, sampled values by name, SI, and name of the controller.
-    - run: the run; None if the sampled values are not allowed, so that all measures are None.
-    """
+    """Return the results of a run by column; without a run, because its values are not allowed, measures are None."""
     outcome = REFUSED if run is None else run.outcome.value
     measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
     return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}
@@ -144,16 +137,13 @@ class Part(NamedTuple):
 
 
 def check_version(version: str) -> None:
-    """Raise InputError if this process has another version of the package than `version`."""
+    """Raise InputError if this process has a version of the package other than `version`."""
     if version != __version__:
         raise InputError(f"scheduler: a worker has version {__version__} instead of {version}; install {version} there")
 
 
 def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """Simulate the runs of a part and return their rows; a worker process calls this function.
-
-    InputError if the process has another version of the package than `version`.
-    """
+    """Simulate the runs of a part in a worker process; return their rows. InputError as in `check_version`."""
     check_version(version)
     return [row for i in range(*part) for row in run_rows(campaign, i)]
 
@@ -171,9 +161,6 @@ def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
         runs |= dict(zip(ready, run_batch([*ready.values()]) if ready else (), strict=True))
     names = campaign.controller_names
     return [row(i, campaign.values(i), name, runs.get((i, name))) for i in range(*part) for name in names]
-
-
-# --- the folder -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -225,8 +212,7 @@ class Store:
     def claimed(self) -> Iterator[Store]:
         """Lock the folder for this process, and write the manifest if the folder has none.
 
-        If an error occurs before any part is finished, the manifest is removed. InputError if another process has
-        locked the folder, or if the folder is not writable.
+        InputError if another process has locked the folder, or if the folder is not writable.
         """
         with claimed(self.folder):
             # opened again, because another process may have begun the campaign meanwhile
@@ -242,7 +228,6 @@ class Store:
                 raise
 
     def _begin(self) -> None:
-        """Write the manifest if it is missing, and delete unfinished files of an interrupted campaign."""
         content = {
             "format": FORMAT,
             "package": "railslip_ctrl",
@@ -284,10 +269,7 @@ class Store:
         return all(self.path(part).is_file() for part in self.parts())
 
     def write(self, part: Part, rows: Rows) -> None:
-        """Write the `rows` of a part to its file, which appears only when it is complete.
-
-        InputError if the folder is not writable.
-        """
+        """Write the `rows` of a part to its file; InputError if the folder is not writable."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -339,15 +321,11 @@ class Store:
 
 
 def _foreign(folder: Path) -> bool:
-    """Return True if a folder without a manifest contains files that no interrupted campaign has left."""
     return any(
         not path.name.startswith((INCOMPLETE, LOCK))
         and not (path.name == PARTS and path.is_dir() and not any(path.iterdir()))
         for path in folder.iterdir()
     )
-
-
-# --- running --------------------------------------------------------------------------------------------------------
 
 
 def execute(
@@ -401,8 +379,6 @@ def execute(
                 tell(part.stop - part.start)
 
 
-# --- workers --------------------------------------------------------------------------------------------------------
-
 Work = Callable[[Any, Any, str], Any]
 """Function that a worker process calls with the data common to all tasks, a task, and the version of the package."""
 
@@ -438,13 +414,11 @@ def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
 
 @contextmanager
 def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
-    """Start `count` worker processes.
-
-    Threads would wait for the lock of the interpreter, which a run holds for a third of its time.
-    """
     cache_folder()  # created before the workers start, so that they share a temporary folder
     try:
-        with processes(count) as submit:
+        with processes(
+            count
+        ) as submit:  # threads would wait for each other: a run needs Python's lock a third of its time
             for _ in range(count):
                 submit(_nothing)  # each call starts a process
             yield lambda task: submit(work, shared, task, __version__), _AHEAD * count
@@ -455,7 +429,7 @@ def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
 
 
 def _nothing() -> None:
-    """Do nothing: this is the first task of a worker process, which makes it start and import this package."""
+    """Do nothing: with this first task a worker process starts and imports the package."""
 
 
 @contextmanager
@@ -483,7 +457,7 @@ def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
 
 
 async def _reach(scheduler: str) -> None:
-    """Raise an error if a scheduler does not answer; a Dask client would wait longer and print warnings."""
+    """Raise an error at once if a scheduler does not answer; a Dask client would wait longer and print warnings."""
     from distributed import Security
     from distributed.core import rpc
 
@@ -492,9 +466,6 @@ async def _reach(scheduler: str) -> None:
         await asyncio.wait_for(ask.identity(), _REACH)
     finally:
         await ask.close_rpc()
-
-
-# --- replay ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

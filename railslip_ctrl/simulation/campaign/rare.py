@@ -2,8 +2,8 @@
 
 The random inputs of a stop are standard normal variables. An input z of a quantity gives the value at which the
 distribution function of the quantity is Phi(z), the standard normal distribution function. The inputs of the noise are
-its random numbers up to `_REMEMBERED` times the duration of the nominal stop. The last input gives a seed, from which
-later random numbers are drawn.
+its random numbers up to `_REMEMBERED` times the duration of the nominal stop. The last input gives the seed of later
+random numbers.
 """
 
 from __future__ import annotations
@@ -59,10 +59,7 @@ _KINDS: dict[str, tuple[Any, Any]] = {
 
 
 def _deceleration(run: Run) -> float:
-    """Return the mean deceleration of a stop over its distance, m/s^2; 0 if the train did not stop.
-
-    It is (v0^2 - v1^2)/(2 s) for initial speed v0, final speed v1 and braking distance s.
-    """
+    """Mean deceleration over the distance of a stop, m/s^2; 0 if the train did not stop."""
     scenario = run.scenario
     change = scenario.initial_speed**2 - scenario.final_speed**2
     return change / (2.0 * run.braking_distance) if run.stopped else 0.0
@@ -76,19 +73,14 @@ class Event(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Unit of the threshold."""
         return _MEASURES[self.measure][0]
 
     def __str__(self) -> str:
-        """Return the event as text that `read` accepts."""
         return f"{self.measure} > {self.threshold:g} {self.unit}".removesuffix(" 1")
 
     @classmethod
     def read(cls, text: str) -> Event:
-        """Return the event for text such as "distance > 420 m", "time > 20 s", "slip > 0.5" or "lock".
-
-        InputError for other text.
-        """
+        """Return the event for text: "distance > 420 m", "time > 20 s", "slip > 0.5", "lock"; otherwise InputError."""
         if text.strip() == "lock":
             return cls("slip", 1.0 - LOCKED_SHARE)
         found = re.fullmatch(r"\s*(distance|time|slip)\s*>\s*(.+)", text)
@@ -103,12 +95,11 @@ class Event(NamedTuple):
 
 
 class Stops:
-    """Function that simulates stops of a campaign: it returns the `measure` of the stop for given random inputs.
-
-    It returns +inf for a stop whose values are not allowed, or which ended early.
+    """Function that simulates stops of a campaign and returns their `measure`, or +inf if a stop is not simulated.
 
     - groups: indices of the inputs of each quantity, of the random force and of the sensor noise, by name.
-    - counts: number of stops simulated so far, and number of those for which +inf was returned for this reason.
+    - counts: number of stops so far, and number of stops that are not simulated to their end: a value is not allowed,
+      or the simulation fails.
 
     InputError for a campaign with several controllers, with a grid, or without a random input.
     """
@@ -148,16 +139,13 @@ class Stops:
         return values, Noise(force, sensors.reshape(-1, 2), int(point[-1:].view(np.int64)[0]) & (2**63 - 1))
 
     def run(self, point: Floats, record_every: int | None = None) -> Run:
-        """Simulate the stop for a `point`: the values of all random inputs, (n,).
-
-        `record_every` is as for `simulate`. InputError for values that are not allowed.
-        """
+        """Simulate the stop for a `point`, the values of all random inputs, (n,); InputError for values not allowed."""
         values, noise = self.drawn(point)
         scenario, (controller,) = self.campaign.with_values(values.values())
         return Simulator(scenario, controller).run(noise, record_every=record_every)
 
     def __call__(self, points: Floats) -> Floats:
-        """Return `measure` of n stops, (n,); each row of `points`, (n, inputs), has the random inputs of one stop."""
+        """Return the measure of n stops, (n,); each row of `points`, (n, inputs), has the random inputs of a stop."""
         return np.array([self._value(point) for point in points])
 
     def _value(self, point: Floats) -> float:
@@ -212,8 +200,8 @@ class RareEvent:
     - subset, importance: estimates by subset simulation and by importance sampling, with 95 % interval and coefficient
       of variation, ratios; `importance` is None if no stop had the event.
     - levels: thresholds of the levels of subset simulation, in the unit of the event.
-    - shares: which inputs cause the event. Take the mean vector of the random inputs over the stops with the event; the
-      shares are those of each quantity, of the random force and of the sensor noise in its squared length, ratios.
+    - shares: importance of each quantity, of the random force and of the sensor noise as causes of the event: share in
+      the squared length of the mean vector of the random inputs over the stops with the event, ratios.
     - stop: most likely stop with the event; None if no stop had the event, or if the values of this stop are not
       allowed.
     - tail: probability that the result of a stop is worse than a value, as a function of this value.
@@ -239,7 +227,6 @@ class RareEvent:
         return self.event.measure, self.event.unit
 
     def __str__(self) -> str:
-        """Return the probability with its interval in one line."""
         value, low, high, _ = self.probability
         return f"P({self.event}) = {value:.3g} [{low:.2g}, {high:.2g}], {self.stops} stops"
 
@@ -275,16 +262,12 @@ class ConfidenceLevels:
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Return Kdry_rst at the highest confidence level in one line."""
         last = self.factors[-1]
         return f"Kdry_rst = {last.factor.value:.3g} at EBCL {last.level}, {self.stops} stops"
 
 
 def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: str) -> dict[str, Any]:
-    """Compute a task of a study and return its result as arrays by name; a worker process calls this function.
-
-    The task is a kind in `_KINDS`, its number, and the arguments of the function of this kind.
-    """
+    """Compute a task in a worker process: its kind in `_KINDS`, its number, and the arguments for this kind."""
     check_version(version)
     (campaign, event), (kind, i, given) = shared, task
     stops = Stops(campaign, event.measure)
@@ -294,7 +277,7 @@ def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: st
 
 
 class _Study:
-    """Computation of the probability of an event; results of finished tasks are kept in a folder and not repeated."""
+    """Computation of the probability of an event; the results of finished tasks are kept in a folder."""
 
     def __init__(self, campaign: Campaign, event: Event, points: int, repeats: int) -> None:
         number("points", points, ge=100)
@@ -305,7 +288,7 @@ class _Study:
     def at_work(
         self, folder: str | Path | None, workers: int | None, scheduler: str | None, progress: Callable[[str], None]
     ) -> Iterator[None]:
-        """Start the worker processes, choose the levels by the task "pilot", and compute the repeats."""
+        """Start the worker processes, choose the levels of subset simulation, and compute the repeats."""
         campaign, event, self._progress = self.stops.campaign, self.event, progress
         what = json.dumps([__version__, {**described(campaign), "runs": 0}, *map(str, event), self.points])
         where = TemporaryDirectory() if folder is None else nullcontext(folder)
@@ -319,10 +302,7 @@ class _Study:
             yield
 
     def done(self, kind: str, count: int, *given: Any) -> list[Any]:
-        """Return the results of `count` tasks of a `kind` in `_KINDS`; `given` are arguments of the tasks.
-
-        Results that are in the folder are read; the others are computed.
-        """
+        """Return the results of `count` tasks of a `kind` in `_KINDS` with the arguments `given`."""
         paths = [self._folder / f"{kind}-{i}.npz" for i in range(count)]
         waiting = {path: self._submit((kind, i, given)) for i, path in enumerate(paths) if not path.is_file()}
         found = []
@@ -337,7 +317,6 @@ class _Study:
         return found
 
     def tail(self) -> Tail:
-        """Return the probability as a function of the result, over the range of the results in all levels."""
         rows = np.concatenate([one.values for one in self.repeats], axis=1)
         finite = [row[np.isfinite(row)] for row in rows]
         if not any(row.size for row in finite):
@@ -353,7 +332,6 @@ class _Study:
         return Tail(x, *subset.pooled(np.array([one.exceeded(x) for one in self.repeats]))[:3], plain)
 
     def warnings(self) -> list[str]:
-        """Return warnings: equal results, levels that stall, and stops that could not be simulated."""
         found, threshold = [], self.event.threshold
         if (same := max(map(subset.repeated, self.repeats))) > _MOST_REPEATED:
             found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops of a level have equal values")
@@ -372,11 +350,7 @@ class _Study:
         return float(np.mean([np.prod(one.shares) for one in self.repeats]))
 
     def candidates(self, mean: Floats, kept: Floats) -> Iterator[Floats]:
-        """Yield vectors of inputs in whose direction the design point is searched.
-
-        The first one is `mean`, the mean of the inputs of the stops with the event. Then come those of the inputs
-        `kept`, (n, inputs), of such stops whose quantities are nearest to their medians, with reduced noise.
-        """
+        """Yield directions in which to search the design point: `mean`, then inputs in `kept` with reduced noise."""
         yield mean
         count = len(self.stops.campaign.quantities)
         nearest = kept[np.argsort(np.linalg.norm(kept[:, :count], axis=1))[:_SHOWN]]
@@ -406,7 +380,7 @@ def rare_event(
     - repeats: number of independent estimates by each method; the intervals are computed from their differences.
     - progress: function that is called with a line of text for each finished task.
 
-    Returns the probability with its interval, in a `RareEvent`. InputError for a wrong event or campaign.
+    InputError for a wrong event or campaign.
     """
     study = _Study(campaign, Event.read(event), points, repeats)
     stops, threshold, importance, stop = study.stops, study.event.threshold, None, None

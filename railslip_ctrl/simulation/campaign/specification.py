@@ -37,16 +37,12 @@ T = TypeVar("T")
 
 MOST_RUNS = 10**9  #: largest number of runs of a campaign
 LARGEST_SEED = 2**63 - 1  #: largest seed of a campaign
-CUT = 4.0
-"""Number of standard deviations from the mean at which a normal distribution is truncated by default."""
+CUT = 4.0  #: standard deviations from the mean at which a normal distribution is truncated by default
 
 _FARTHEST = 8.0  # standard deviations; bounds farther out leave a probability below 1e-15 and are refused as a mistake
 _LISTED = 200  # number of characters of the list of paths in a message
 _DRAW = 2  # index of the child of a run's seed for the quantities; children 0 and 1 are for random force and noise
 _DESIGN = 2**32 - 1  # index of the campaign's child seed for points that are drawn together; no run has this number
-
-
-# --- distributions --------------------------------------------------------------------------------------------------
 
 
 class Distribution:
@@ -94,9 +90,8 @@ class Uniform(Distribution):
 class Normal(Distribution):
     """Normal distribution with `mean` and standard deviation `std`, SI, truncated to the range from `low` to `high`.
 
-    By default the range is `CUT` standard deviations to each side of the mean.
-
-    InputError for `std` <= 0, or if the probability of the range is almost zero.
+    By default the range is `CUT` standard deviations to each side of the mean. InputError for `std` <= 0, or if the
+    probability of the range is almost zero.
     """
 
     mean: float
@@ -247,7 +242,6 @@ class Sampling(StrEnum):
 
 
 def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
-    """Return the point of the unit cube for run number i, (dimensions,)."""
     if dimensions == 0 or sampling is Sampling.RANDOM:
         return stream(seed, i, _DRAW).random(dimensions)
     if sampling is Sampling.LATIN_HYPERCUBE:
@@ -264,7 +258,6 @@ def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: in
 
 @lru_cache(maxsize=4)
 def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
-    """Return all points of a Latin hypercube, (runs, dimensions); they depend on one another and are drawn together."""
     from scipy.stats import qmc
 
     points: Floats = qmc.LatinHypercube(dimensions, rng=stream(seed, _DESIGN)).random(runs)
@@ -272,15 +265,12 @@ def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
-    """Return a random generator; different numbers `key` give independent generators for the same seed."""
+    """Return a random generator; for a given seed, different numbers `key` give independent generators."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-# --- data for JSON ----------------------------------------------------------------------------------------------------
-
-
 def described(value: Any) -> Any:
-    """Return a record as data that JSON can contain: the name of its class, and its fields by name."""
+    """Return a record as data for JSON: the name of its class, and its fields by name."""
     if isinstance(value, Enum):
         return value.value
     if value is None or isinstance(value, (str, bool, int, float)):
@@ -294,16 +284,13 @@ def described(value: Any) -> Any:
     return {"kind": type(value).__name__, **{name: described(member) for name, member in members(value).items()}}
 
 
-# --- the campaign ---------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Quantity:
     """A quantity that varies from run to run: its `distribution`, SI, and the `paths` of the numbers that it sets.
 
-    A path names a number of the scenario ("vehicle.mass"). If the scenario has no number of this path ("kp"), it names
-    the number of this path in every controller that has it. With the name of a controller in front ("pi.kp") it names
-    the number of this controller only. If `relative` is True, the numbers are multiplied by the value of the quantity.
+    A path names a number of the scenario ("vehicle.mass"). If the scenario has no number of this path ("kp"), the path
+    names this number in every controller that has it. With the name of a controller in front ("pi.kp") it names the
+    number of this controller only. If `relative` is True, the numbers are multiplied by the value of the quantity.
     """
 
     paths: tuple[str, ...]
@@ -338,8 +325,8 @@ class Campaign:
     - runs: number of runs, 1 to `MOST_RUNS`.
     - seed: seed of the campaign, 0 to 2^63 - 1.
     - sampling: method of sampling the quantities.
-    - device: "cpu" or "gpu". On the GPU, random force and noise come from the counter-based generator `Counted`, so
-      that their random numbers differ from those on the CPU.
+    - device: "cpu" or "gpu". On the GPU the random numbers come from the counter-based generator `Counted`, and
+      therefore differ from those on the CPU.
 
     InputError: no controller; two controllers with the same name; a path that does not exist or is given twice; a
     number of runs or a seed out of range; a number of runs that does not fit the grid or the Sobol sequence; a quantity
@@ -400,10 +387,7 @@ class Campaign:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def number_at(self, path: str) -> Number:
-        """Return the number of scenario or controller that a `path` names, as in `Quantity`.
-
-        InputError for an unknown path; the message proposes the most similar path.
-        """
+        """Return the number that a `path` of a `Quantity` names; InputError for an unknown path."""
         if path not in self._paths:
             near = close_match(path, self._paths) or f"scenario: {', '.join(self._paths)[:_LISTED]} ... "
             raise InputError(f"quantity: {path!r} is not a number of the scenario or of a controller; {near.rstrip()}")
@@ -419,8 +403,7 @@ class Campaign:
     def values(self, i: int) -> dict[str, float]:
         """Return the sampled values of run number i by name; InputError for an i out of range.
 
-        Run i has the combination of grid values with the number i modulo `grid_points`. In the order of these numbers
-        the value of the first grid changes fastest.
+        If there are grids, run i has the combination of grid values with the number i modulo `grid_points`.
         """
         if not 0 <= i < self.runs:
             raise InputError(f"run: {i} is not allowed; the campaign has runs 0 to {self.runs - 1}")
@@ -446,16 +429,11 @@ class Campaign:
 
     @cached_property
     def _numbers(self) -> tuple[dict[str, Number], ...]:
-        """Numbers of the scenario by path, then for each controller its numbers by path."""
         return tuple(map(numbers, (self.scenario, *self.controllers)))
 
     @cached_property
     def _paths(self) -> dict[str, list[tuple[int, str]]]:
-        """For each path that a quantity may have, the numbers that it names.
-
-        Each number is given by the index of its record in `_numbers`, 0 for the scenario, and by its path in this
-        record. A path that the scenario has names only the number of the scenario.
-        """
+        """Numbers that each path names: index of the record in `_numbers` (0: scenario), and path in this record."""
         paths: dict[str, list[tuple[int, str]]] = {}
         for k, own in enumerate(self._numbers[1:], 1):
             for path in own:
@@ -466,10 +444,7 @@ class Campaign:
 
     @cached_property
     def _targets(self) -> list[list[tuple[int, str, float]]]:
-        """For each quantity the numbers that it sets: index of the record in `_numbers`, path in it, and a factor.
-
-        The number is set to the factor times the value of the quantity.
-        """
+        """Numbers that each quantity sets: index of the record in `_numbers`, path, and factor on the value."""
         taken: set[tuple[int, str]] = set()
         all_targets: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
@@ -487,10 +462,7 @@ class Campaign:
         return all_targets
 
     def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
-        """Return the numbers, SI, that `values` of all quantities set, by record and path.
-
-        Record 0 is the scenario; record i >= 1 is controller number i, from 1.
-        """
+        """Return the numbers, SI, that the `values` of all quantities set, by record (0: scenario) and path."""
         changed: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:
@@ -498,10 +470,7 @@ class Campaign:
         return changed
 
     def with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
-        """Return scenario and controllers in which the quantities have the `values`, SI.
-
-        InputError for a value that is not allowed.
-        """
+        """Return scenario and controllers for `values`, SI, of all quantities; InputError for values not allowed."""
         records: list[Any] = [self.scenario, *self.controllers]
         for owner, change in self.changes(values).items():
             records[owner] = replaced(records[owner], change)
@@ -527,21 +496,14 @@ class Campaign:
             )
 
     def _check_ends(self) -> None:
-        """Raise InputError if the smallest or the largest value of a quantity is not allowed.
-
-        All other quantities then have their medians.
-        """
         middle = [distribution.at(0.5) for distribution in self._distributions]
         for k, distribution in enumerate(self._distributions):
-            for end in distribution.ends:
+            for end in distribution.ends:  # all other quantities have their medians
                 self.with_values((*middle[:k], end, *middle[k + 1 :]))
 
 
 def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Controller, ...]:
-    """Return the controllers `made` from the user's objects `given`, with different names.
-
-    A number is added to a default name that is already used; a name that the user has set does not change.
-    """
+    """Add a number to each default name that is already used; names that the user has set do not change."""
     named: dict[str, Controller] = {}
     twice = []  # controllers with a name that the user has given twice, which `Campaign` refuses
     for original, control in zip(given, made, strict=True):
@@ -556,9 +518,6 @@ def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Control
     return (*named.values(), *twice)
 
 
-# --- campaigns from TOML files ----------------------------------------------------------------------------------------
-
-
 KEYS_OF = {kind: tuple(field.name for field in fields(made)) for kind, made in DISTRIBUTIONS.items()}
 """Parameters of each distribution, which are keys in the table of a quantity."""
 
@@ -567,10 +526,7 @@ _LISTS = ("values", "weights")
 
 
 class ControllerTable(Record):
-    """Table `[[controller]]` of a campaign file: a built-in controller or a controller file.
-
-    `name` distinguishes controllers of the same kind.
-    """
+    """Table `[[controller]]` of a campaign file; `name` distinguishes controllers of the same kind."""
 
     controller: str
     name: str | None = Field(None, pattern=r"^[\w-]+$")
@@ -606,11 +562,9 @@ class CampaignKeys(BaseModel):
 
 
 def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campaign:
-    """Load a campaign from a TOML file.
+    """Load a campaign from a TOML file; InputError names the file, the key, the value and what is allowed.
 
     If `controllers`, names or files, are given, they replace the controllers of the file.
-
-    InputError: one line with the file, the key, the value and what is allowed.
     """
     path = given_path(path)
     where = file_name(path)
@@ -630,7 +584,6 @@ def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campa
 
 
 def _located(where: str, make: Callable[[], T]) -> T:
-    """Return the result of `make`; if it raises InputError, put `where`, a position in the file, before the message."""
     try:
         return make()
     except InputError as error:
@@ -691,11 +644,7 @@ def _distribution(keys: QuantityKeys, unit: str) -> Distribution:
 
 
 def _si(value: Any, unit: str, name: str) -> Any:
-    """Return the value of a key, a number or a tuple of numbers, in SI.
-
-    If the `unit` of the quantity is not known (""), the value must be a number without a unit.
-    """
-    unit = "1" if name in _WITHOUT_UNIT else unit or "1"
+    unit = "1" if name in _WITHOUT_UNIT else unit or "1"  # without a known unit, only a plain number is allowed
     if name in _LISTS:
         if not isinstance(value, list):
             raise InputError(f"{name}: {units.shown(value)} is not allowed; give a list")

@@ -1,8 +1,4 @@
-"""Statistics of a campaign: estimates, comparisons of controllers, and worst runs.
-
-The function `campaign` also simulates the runs. The results are read column by column, so that a run needs only some
-tens of bytes of memory.
-"""
+"""Statistics of a campaign: estimates, comparisons of controllers, and worst runs."""
 
 from __future__ import annotations
 
@@ -36,12 +32,9 @@ CONFIDENCE = 0.95  #: confidence level of every interval
 LEVELS = (0.05, 0.5, 0.95)  #: levels of the reported quantiles
 WORST = 5  #: number of worst runs listed for each controller
 LISTED = 20  #: largest number of failed runs listed for an outcome
-
 BINS = 120
+
 _SHOWN = 2000  # number of runs in pictures; runs are independent, so that the first ones are a random sample
-
-
-# --- estimates with their confidence intervals ----------------------------------------------------------------------
 
 
 class Estimate(NamedTuple):
@@ -57,10 +50,7 @@ _UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True)
 class Moments:
-    """Number, mean, sample standard deviation, minimum and maximum of finite values.
-
-    The mean of no values and the standard deviation of fewer than two values are NaN.
-    """
+    """Number, mean, sample standard deviation, minimum and maximum; mean and deviation of too few values are NaN."""
 
     count: int
     mean: float
@@ -98,12 +88,10 @@ def share(count: int, total: int) -> Estimate:
 
 
 def quantile(values: Floats, level: float) -> Estimate:
-    """Return the quantile of `values`, 1-D, at probability `level` (ratio), with its confidence interval.
-
-    The interval is computed from order statistics (Conover, Practical Nonparametric Statistics, 3.2).
-    """
+    """Return the quantile of `values`, 1-D, at probability `level` (ratio), with its confidence interval."""
     from scipy import stats
 
+    # interval from order statistics: Conover, Practical Nonparametric Statistics, 3.2
     low, high = stats.quantile_test(values, p=level).confidence_interval(CONFIDENCE)
     return Estimate(
         float(np.quantile(values, level, method="inverted_cdf")),
@@ -127,14 +115,11 @@ class Histogram(NamedTuple):
         return cls(edges, np.histogram(values, edges)[0])
 
     def merged(self) -> Histogram:
-        """Return a histogram in which neighbouring bins are joined, so that at most 2 n^(1/3) remain for n values."""
+        """Return a histogram with fewer, wider bins: at most 2 n^(1/3) bins for n values."""
         most = 2.0 * max(int(self.counts.sum()), 1) ** (1.0 / 3.0)
         bins = self.counts.size
         size = next(k for k in range(1, bins + 1) if (bins % k == 0 and bins / k <= most) or k == bins)
         return Histogram(self.edges[::size], self.counts.reshape(-1, size).sum(axis=1))
-
-
-# --- the summary ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -171,7 +156,6 @@ class ControllerSummary:
 
     @property
     def stopped(self) -> int:
-        """Number of runs that stopped."""
         return self.outcomes.get(Outcome.STOPPED.value, 0)
 
 
@@ -215,8 +199,8 @@ class CampaignSummary:
     - paired: comparison of every two controllers by each measure.
     - points: statistics for each combination of grid values; empty without a grid.
     - worst_by: name of the measure that ranks the worst runs.
-    - sample: for each controller, the values of the quantities and of this measure in the first runs, SI, which
-      pictures show. The measure is NaN for a run that did not stop.
+    - sample: for each controller, the values of the quantities and of `worst_by` in the first runs, SI, for pictures;
+      `worst_by` is NaN for a run that did not stop.
     """
 
     campaign: Campaign
@@ -228,7 +212,7 @@ class CampaignSummary:
     sample: dict[str, Columns]
 
     def table(self) -> str:
-        """Return a table as text, with stopped runs, braking distance, slip and locked runs of each controller."""
+        """Return a table with stopped runs, braking distance, slip and locked runs of each controller, as text."""
         # imported when called, because `report` imports this package
         text: str = import_module("railslip_ctrl.report.campaign").campaign_table(self)
         return text
@@ -245,7 +229,7 @@ class CampaignSummary:
 
 
 def check_measure(name: str) -> None:
-    """Raise InputError if `name` is not the name of a measure; the message proposes the most similar name."""
+    """Raise InputError if `name` is not the name of a measure."""
     names = [measure.name for measure in MEASURES]
     if name not in names:
         raise InputError(
@@ -273,17 +257,14 @@ class _Runs:
         return pa.concat_tables(self._store.read(part, [name]) for part in self._parts).column(0)
 
     def column(self, name: str) -> Floats:
-        """Return the values of a column; NaN where a run has no value."""
         values: Floats = self._column(name).to_numpy().reshape(-1, len(self.names))
         return values
 
     def of_stopped(self, name: str) -> Floats:
-        """Return the values of a column; NaN where a run did not stop or has no finite value."""
         values = np.where(self.stopped, self.column(name), np.nan)
         return np.where(np.isfinite(values), values, np.nan)
 
     def rows(self, k: int, values: Floats) -> list[dict[str, Any]]:
-        """Return the results of the runs of controller number k with the highest `values`, (runs,); NaN is left out."""
         order = np.argsort(-values, kind="stable")[: min(WORST, np.isfinite(values).sum())]
         rows = []
         for i in self.number[order].tolist():
@@ -340,7 +321,6 @@ def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> Campaign
 
 
 def _controllers(runs: _Runs) -> dict[str, ControllerSummary]:
-    """Return the statistics of each controller by name, without measures and worst runs, which `summarise` adds."""
     locked, summaries = np.isfinite(runs.column("first_lock_s")), {}
     for k, name in enumerate(runs.names):
         numbers = {outcome: runs.number[runs.outcome[:, k] == i] for i, outcome in enumerate(runs.outcomes)}
@@ -368,9 +348,6 @@ def _paired(runs: _Runs, first: int, second: int, measure: str, values: Floats) 
     moments = Moments.of(difference)
     smaller = share(int((difference < 0).sum()), moments.count)
     return Paired(runs.names[first], runs.names[second], measure, moments.count, moments.estimate, smaller)
-
-
-# --- one call --------------------------------------------------------------------------------------------------------
 
 
 @checked

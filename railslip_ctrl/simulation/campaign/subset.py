@@ -4,10 +4,9 @@ A point is a vector of all inputs. A limit state is a function that maps points,
 be infinite. The event is a value above the `threshold`.
 
 Subset simulation reaches the event in levels ([Au2001]). All points of a level have values of at least its threshold.
-About a tenth of the points of one level reach the threshold of the next level. From this tenth, Markov chains produce
-the other points of the next level (adaptive conditional sampling, [Papaioannou2015]). The function `pilot` chooses the
-thresholds and the steps of the chains. All repeats use the same thresholds and steps, so that each repeat is an
-unbiased estimate.
+About a tenth of the points of a level reach the threshold of the next level. From this tenth, Markov chains produce
+the other points of the next level (adaptive conditional sampling, [Papaioannou2015]). All repeats use the thresholds
+and steps that `pilot` chooses, so that each repeat is an unbiased estimate.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from .statistics import CONFIDENCE
 
 LimitState = Callable[[Floats], Floats]
 
-_SHARE = 0.1  # share of the points beyond the next threshold
+_SHARE = 0.1  # share of the points of a level that reach the next threshold
 _ACCEPTED = 0.35  # share of accepted moves; with the 0.44 of [Papaioannou2015] the variation is a fifth larger
 _KEPT = 20  # number of points of the event that a repeat returns
 _PAIRS = 40  # number of pairs of these points for which the point in the middle is checked
@@ -46,7 +45,7 @@ class Repeat(NamedTuple):
 
     - thresholds: threshold of each level, (levels,).
     - shares: for each level, the share of the points of the level before that reach its threshold, (levels,).
-    - accepted: share of the moves in each level that are accepted, (levels,).
+    - accepted: share of accepted moves in each level, (levels,).
     - values: values of the first points, then of the points of each level, (levels + 1, n); -inf if no point has
       reached the level.
     - mean: mean of the points with the event, (inputs,), or of the points of the last level if none has the event.
@@ -67,13 +66,12 @@ class Repeat(NamedTuple):
         return np.asarray(np.append(1.0, np.cumprod(self.shares))[place] * shares)
 
     def probability(self, threshold: float) -> float:
-        """Return the estimated probability that a value is above the threshold."""
         return float(self.exceeded(np.nextafter([threshold], math.inf))[0])
 
 
 @by_content
 class Sampled(NamedTuple):
-    """Probability of the event as estimated by one repeat of importance sampling."""
+    """Probability of the event in one repeat of importance sampling."""
 
     value: Floats
 
@@ -121,12 +119,7 @@ def repeat(
 def _beyond(
     limit_state: LimitState, points: Floats, values: Floats, level: float, step: float, rng: Any, adapt: bool = False
 ) -> tuple[Floats, Floats, float, float]:
-    """Return points whose values reach a level, these values, the share of accepted moves, and the step s.
-
-    Markov chains begin at the given points that reach the level. A move is z' = sqrt(1 - s^2) z + s w, where w is
-    standard normal. A move to a value below the level is rejected. If `adapt`, the step changes with the share of
-    accepted moves.
-    """
+    """Start Markov chains at the points that reach a level; return points, values, share of accepted moves, step."""
     start = rng.permutation(np.flatnonzero(values >= level))
     at, value, left = points[start], values[start], len(values) - len(start)
     found, accepted = [(at, value)], list[float]()
@@ -156,10 +149,7 @@ class Pooled(NamedTuple):
 
 
 def pooled(estimates: Floats) -> Pooled:
-    """Return the mean of independent estimates, (repeats, ...), over the repeats.
-
-    Its interval is Cox's interval for the mean of a log-normal variable.
-    """
+    """Return the mean over the first axis of independent estimates, with Cox's interval for log-normal variables."""
     from scipy.special import stdtrit
 
     count, mean = len(estimates), np.mean(estimates, axis=0)
@@ -173,9 +163,9 @@ def pooled(estimates: Floats) -> Pooled:
 def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
     """Return the mean vector over the repeats, and the share of each group of inputs in its squared length.
 
-    Squared lengths are estimated by products of components from different repeats; products of components of the same
-    repeat would be too large by chance. In the mean vector, a group of inputs is scaled to this estimated length if it
-    is smaller, which is the case if the repeats disagree.
+    Squared lengths are estimated by products of components from different repeats, because squares of the same repeat
+    would be too large by chance. In the mean vector, each group of inputs is multiplied by the ratio of its estimated
+    squared length to its squared length, if this ratio is below 1.
     """
     count, mean = len(means), means.mean(axis=0)
     squared = ((count * mean) ** 2 - np.sum(means**2, axis=0)) / (count * (count - 1))
@@ -187,10 +177,9 @@ def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
 
 
 def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
-    """Return the point with the event that is nearest to 0 in the direction of a candidate.
+    """Return the point nearest to 0 that has the event and lies in the direction of a candidate.
 
-    The candidates are tried in order, until one has the event in its direction. If none has, the last candidate is
-    returned.
+    The candidates are tried in order. If no direction has a point with the event, the last candidate is returned.
     """
     for way in candidates:
         low, high = 0.0, _FARTHEST
@@ -206,10 +195,7 @@ def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshol
 
 
 def importance(limit_state: LimitState, inputs: int, rng: Any, threshold: float, centre: Floats, count: int) -> Sampled:
-    """Estimate the probability of the event by importance sampling, with `count` random points about `centre`.
-
-    `centre`, (inputs,), is the design point: the most likely point with the event.
-    """
+    """Estimate the probability by importance sampling, with `count` points about the design point `centre`."""
     points = centre + rng.standard_normal((count, inputs))
     weights = np.exp(0.5 * float(centre @ centre) - points @ centre)
     return Sampled(np.mean(weights * (limit_state(points) > threshold)))
@@ -227,10 +213,7 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 
 def repeated(found: Repeat) -> float:
-    """Return the share of the new points of a level whose finite value another point of this level already has.
-
-    It is that of the level in which it is largest. The share is 0 if the values are distributed continuously.
-    """
+    """Return the share of new points with the same finite value as another point, for the worst level."""
     new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
     different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
     return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))
