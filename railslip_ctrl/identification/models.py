@@ -49,8 +49,8 @@ class Coordinates:
 
     Each array has one entry for each parameter: bounds `least` and `most` and usual size `typical` of its value, bounds
     `lower` and `upper` of its coordinate. If beta and gamma are free, and beta has no other bound than 0, their indices
-    are in `pair`, and their coordinates are gamma/beta and 1/gamma. If only beta is free, `inverse` is its index, and
-    its coordinate is 1/beta. Otherwise the coordinate of a parameter is its value.
+    are in `pair`, and their coordinates are gamma/beta and 1/gamma. If beta is free but gamma is not, `inverse` is the
+    index of beta, and its coordinate is 1/beta. Otherwise the coordinate of a parameter is its value.
     """
 
     names: tuple[str, ...]

@@ -1,8 +1,7 @@
 """Observers that estimate the adhesion torque Ta from sampled signals, and models of the sensors and their noise.
 
 `FilterObserver` is the observer of [Park2008] (27), (28) and Fig. 11. `KalmanObserver` models Ta as a random walk. Both
-assume that torque and speed are linear between samples; the prediction from sample to sample is then exact for every
-interval.
+are exact from sample to sample for measured signals that are linear between samples.
 """
 
 from __future__ import annotations
