@@ -33,7 +33,6 @@ class RowFilter(ABC):
         self.count = 0
 
     def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
-        """Yield the rows that are not dropped."""
         waiting: Rows | None = None
         start = 0  # number of rows at the front of `waiting` that were judged before
         for block in itertools.chain(blocks, (None,)):
@@ -85,7 +84,6 @@ class StampFilter(RowFilter):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the first dropped rows, and the number of dropped rows if there are more."""
         more = self.count - len(self.named)
         return (*self.named, f"{self.count} rows with outlying time stamps in all") if more else tuple(self.named)
 
@@ -166,7 +164,7 @@ def _are_multiples(changes: Floats, step: float) -> bool:
 
 
 class Resolution:
-    """Quantisation step of each column of a log: the smallest step in any block of rows."""
+    """Quantisation step of each column of a log, SI, by quantity; 0 if the column does not look quantised."""
 
     def __init__(self) -> None:
         self._steps: dict[str, float] = {}
@@ -177,7 +175,6 @@ class Resolution:
             self._steps[name] = min(step, self._steps.get(name, step))
 
     def __getitem__(self, name: str) -> float:
-        """Quantisation step of the column `name`, SI; 0 if the column does not look quantised."""
         return self._steps.get(name, 0.0)
 
 

@@ -77,54 +77,42 @@ BINS = 50  #: number of bins over slip ratios 0 to 1, for display, as in [Park20
 
 @dataclass(frozen=True)
 class Bins:
-    """Statistics of mu in each bin of slip ratio that has samples, as in [Park2008] Fig. 13; arrays of one length.
+    """Statistics of mu in each bin of slip ratio that has samples, as in [Park2008] Fig. 13; arrays of one length."""
 
-    `low`, `high` and `slip` are the limits and the mean slip ratio of a bin, `count` is its number of samples. `mean`,
-    `deviation` (standard deviation), `least` and `most` are those of mu.
-    """
-
-    low: Floats
-    high: Floats
-    slip: Floats
-    count: Integers
-    mean: Floats
-    deviation: Floats
-    least: Floats
-    most: Floats
+    low: Floats  # lower limit of the bin, slip ratio
+    high: Floats  # upper limit of the bin, slip ratio
+    slip: Floats  # mean slip ratio
+    count: Integers  # number of samples
+    mean: Floats  # mean mu
+    deviation: Floats  # standard deviation of mu
+    least: Floats  # smallest mu
+    most: Floats  # largest mu
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Number of samples, and means of slip, speed, load and mu, in each cell that has samples; SI.
+    """Number of samples, and means of slip, speed, load and mu, in each cell that has samples; SI, arrays."""
 
-    `squares` is the sum of the squared deviations of mu from its mean in the cell. `nodes` (slip ratio), `node_speeds`
-    and `weights`, (2, cells), are the Gauss rule for the mean of a function over a cell.
-    """
-
-    count: Floats
+    count: Floats  # number of samples
     slip: Floats
     speed: Floats
     load: Floats
     mu: Floats
-    squares: Floats
-    nodes: Floats
-    node_speeds: Floats
-    weights: Floats
+    squares: Floats  # sum of the squared deviations of mu from its mean in the cell
+    nodes: Floats  # slip ratios of a two-point Gauss rule for means over the cell, (2, cells)
+    node_speeds: Floats  # m/s, (2, cells)
+    weights: Floats  # weights of the rule, (2, cells)
 
 
 @dataclass(frozen=True)
 class Stretches:
-    """Number of samples (`count`) and sum of mu (`total`) for each pair of stretch of time and cell.
+    """Sums of samples for each pair of stretch of time and cell that has samples; arrays of one length."""
 
-    All stretches have the `length`, s. `stretch` is the number of the stretch, `cell` the index of the cell in `Cells`.
-    Pairs without samples are left out.
-    """
-
-    length: float
-    stretch: Integers
-    cell: Integers
-    count: Floats
-    total: Floats
+    length: float  # of every stretch, s
+    stretch: Integers  # number of the stretch
+    cell: Integers  # index of the cell in `Cells`
+    count: Floats  # number of samples
+    total: Floats  # sum of mu
 
 
 _FINE = 1_000_000  # slip steps of `slip_counts`
@@ -284,40 +272,27 @@ _LEAST_SAMPLES = 20  # a log with fewer samples under brake is refused
 
 @dataclass(frozen=True)
 class AdhesionCurve:
-    """Adhesion data of a log, to which models can be fitted.
+    """Adhesion data of a log, to which models can be fitted."""
 
-    - name: file name of the log.
-    - time_constant: tau of the observer, s.
-    - record, record_stride: unfiltered rows for prediction-error fits, from one run in every `record_stride` runs.
-    - peak_slip: slip ratio of the highest measured mu.
-    - wheel_column: quantity from which the wheel speed was read.
-    - deceleration_ratio: measured deceleration of the train over the deceleration expected from the wheel's adhesion
-      and the resistance; NaN if not known.
-    - rolling: slip and torque while the wheel rolls without brake; None if it never does.
-    - steps: quantisation steps of the columns.
-    - factors: SI value of the unit in which each quantity is read, by quantity.
-    - findings, notes: faults of the log, and assumptions made when it is read.
-    """
-
-    name: str
+    name: str  # file name of the log
     survey: Survey
-    time_constant: float
+    time_constant: float  # tau of the observer, s
     bins: Bins
     cells: Cells
     stretches: Stretches
     slip_counts: Integers
-    record: BrakedRows
-    record_stride: int
-    peak_slip: float
-    wheel_column: str
-    deceleration_ratio: float
-    rolling: log_checks.Rolling | None
-    steps: tuple[log_checks.ColumnStep, ...]
-    factors: Mapping[str, float]
+    record: BrakedRows  # unfiltered rows for prediction-error fits
+    record_stride: int  # the record has one run in every `record_stride` runs of the log
+    peak_slip: float  # slip ratio of the highest measured mu
+    wheel_column: str  # quantity from which the wheel speed was read
+    deceleration_ratio: float  # see `log_checks.deceleration_ratio`
+    rolling: log_checks.Rolling | None  # None if the wheel never rolls without brake
+    steps: tuple[log_checks.ColumnStep, ...]  # quantisation steps of the columns
+    factors: Mapping[str, float]  # SI value of the unit in which each quantity is read
     broken_lines: int
     outliers: int
-    findings: tuple[log_checks.Finding, ...]
-    notes: tuple[str, ...]
+    findings: tuple[log_checks.Finding, ...]  # faults of the log
+    notes: tuple[str, ...]  # assumptions made when the log is read
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -336,22 +336,15 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """Estimates of p free parameters with their uncertainty; arrays with an entry for each parameter.
-
-    - covariance: (p, p); NaN for parameters that are not identifiable.
-    - coordinate_covariance: covariance of the search coordinates, in which the model is nearly linear.
-    - active: bound on which the parameter rests: -1 lower, 1 upper, 0 none.
-    - unidentified: true if the parameter is not identifiable.
-    - limits: profile-likelihood intervals of the parameters whose symmetric interval is not valid, by index.
-    """
+    """Estimates of p free parameters with their uncertainty; arrays with an entry for each parameter."""
 
     values: Floats
-    covariance: Floats
+    covariance: Floats  # (p, p); NaN for parameters that are not identifiable
     coordinates: Coordinates
-    coordinate_covariance: Floats
-    active: NDArray[np.int_]
-    unidentified: Flags
-    limits: Mapping[int, tuple[float, float]]
+    coordinate_covariance: Floats  # in the search coordinates, in which the model is nearly linear
+    active: NDArray[np.int_]  # bound on which the parameter rests: -1 lower, 1 upper, 0 none
+    unidentified: Flags  # true if the parameter is not identifiable
+    limits: Mapping[int, tuple[float, float]]  # profile-likelihood intervals, by index
 
 
 def estimate(
@@ -408,7 +401,6 @@ def estimate(
 
 
 def _student_ratio(freedom: int) -> float:
-    """Ratio of Student's quantile to the normal quantile, for 99 % intervals."""
     from scipy.stats import t as student
 
     return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
@@ -503,19 +495,13 @@ _INSIDE = 1e-6  # distance from the bounds at which a search begins, in sizes of
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fitted parameter with its uncertainty, SI.
-
-    - stderr: half width of the symmetric 99 % interval, divided by 2.576; NaN if the parameter is not identifiable or
-      rests on a bound.
-    - status: "fitted", "at lower bound", "at upper bound" or "not identifiable".
-    - limits: ends of the 99 % interval if it is not symmetric about the value, else None.
-    """
+    """A fitted parameter with its uncertainty, SI."""
 
     name: str
     value: float
-    stderr: float
-    status: str
-    limits: tuple[float, float] | None = None
+    stderr: float  # half width of the symmetric 99 % interval over 2.576; NaN on a bound or if not identifiable
+    status: str  # "fitted", "at lower bound", "at upper bound" or "not identifiable"
+    limits: tuple[float, float] | None = None  # ends of the 99 % interval if it is not symmetric
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -526,7 +512,6 @@ class Parameter:
 
     @property
     def is_open(self) -> bool:
-        """True if the interval has no upper end."""
         return self.status == "fitted" and math.isinf(self.interval[1])
 
     @property
@@ -551,35 +536,23 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model; `law` is the adhesion law with the fitted parameters.
-
-    - residual_squares: sum of the squared deviations of all samples of mu from the model.
-    - cell_coefficients: mean mu of the model in each cell of slip and speed (`Cells`).
-    - long_run_variance: n times the variance of the mean of n residuals, for large n; NaN if it cannot be estimated.
-    - followed: slip ratio and mu of a dynamic model along the motion in the log, (2, k); None for a static model.
-    - known_stderrs: standard deviations of parameters that were not fitted, by name.
-    - with_profiles: whether profile-likelihood intervals were computed where needed.
-    - deviance: -2 log likelihood of the wheel's motion; NaN without a prediction-error fit.
-    - inflation: long-run variance of the whitened prediction errors, and its degrees of freedom; (NaN, 0) without a
-      prediction-error fit.
-    - coarse: mu of a table at its knots from a second prediction-error fit with every second knot; else None.
-    """
+    """A fitted model with its quality; fields of a prediction-error fit are NaN or None without this fit."""
 
     model: FitModel
-    law: AdhesionLaw
+    law: AdhesionLaw  # with the fitted parameters
     parameters: tuple[Parameter, ...]
     estimate: ParameterEstimate
-    residual_squares: float
-    cell_coefficients: Floats
-    long_run_variance: float
+    residual_squares: float  # sum of the squared deviations of all samples of mu from the model
+    cell_coefficients: Floats  # mean mu of the model in each cell of slip and speed
+    long_run_variance: float  # of the residuals; NaN if it cannot be estimated
     degrees_of_freedom: int
     notes: tuple[str, ...]
-    followed: Floats | None = None
-    known_stderrs: Mapping[str, float] = field(default_factory=dict)
-    with_profiles: bool = True
-    deviance: float = math.nan
-    inflation: tuple[float, int] = (math.nan, 0)
-    coarse: Floats | None = None
+    followed: Floats | None = None  # slip ratio and mu of a dynamic model along the motion, (2, k)
+    known_stderrs: Mapping[str, float] = field(default_factory=dict)  # of parameters that were not fitted
+    with_profiles: bool = True  # true if profile-likelihood intervals were computed where needed
+    deviance: float = math.nan  # -2 log likelihood of the motion; NaN without a prediction-error fit
+    inflation: tuple[float, int] = (math.nan, 0)  # long-run variance of the whitened errors, degrees of freedom
+    coarse: Floats | None = None  # mu of a table at its knots, fitted with every second knot
 
     @property
     def values(self) -> Floats:

@@ -55,27 +55,23 @@ _UNIFORM = math.sqrt(12.0)  # quantisation step over the standard deviation of i
 
 @dataclass(frozen=True)
 class Rolling:
-    """Slip ratio and brake torque in free rolling, with their standard errors; medians of other signals, SI.
-
-    `freedom` is the number of degrees of freedom of `slip_error` and `torque_error`.
-    """
+    """Slip ratio and brake torque in free rolling, with their standard errors, and medians of other signals; SI."""
 
     slip: float
     slip_error: float
     torque: float
     torque_error: float
-    speed: float
-    omega: float
-    load: float
-    deceleration: float
-    freedom: float
+    speed: float  # median of the train speed
+    omega: float  # median
+    load: float  # median
+    deceleration: float  # median
+    freedom: float  # degrees of freedom of the standard errors
 
     @property
     def critical_value(self) -> float:
-        """Number of standard errors above which a value is significant: Student's quantile."""
         from scipy.special import stdtrit
 
-        return float(stdtrit(self.freedom, 1.0 - _FALSE_ALARM / 2.0))
+        return float(stdtrit(self.freedom, 1.0 - _FALSE_ALARM / 2.0))  # in standard errors
 
 
 class FreeRolling:
@@ -210,18 +206,13 @@ _EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this sh
 
 @dataclass(frozen=True)
 class Known:
-    """Vehicle, features of the adhesion curve and corrections by the user, with which free rolling is judged.
-
-    `slope` is dmu/dslip at low slip, inf if not known, and `peak_slip` the slip ratio of the peak, 0 if not known.
-    `wheel_column` is the quantity from which the wheel speed was read. `zeros` are the subtracted sensor offsets, SI,
-    by quantity.
-    """
+    """Vehicle, features of the adhesion curve and corrections by the user, with which free rolling is judged."""
 
     vehicle: Vehicle
-    slope: float
-    peak_slip: float
-    wheel_column: str
-    zeros: Mapping[str, float]
+    slope: float  # dmu/dslip at low slip; inf if not known
+    peak_slip: float  # slip ratio; 0 if not known
+    wheel_column: str  # quantity from which the wheel speed was read
+    zeros: Mapping[str, float]  # subtracted sensor offsets, SI, by quantity
 
     def creep(self, rolling: Rolling) -> float:
         """Slip ratio at which the adhesion force on an unbraked wheel balances its friction and inertia."""
@@ -434,14 +425,11 @@ class WheelSpeeds:
 
 @dataclass(frozen=True)
 class ColumnStep:
-    """Quantisation `step` of a column, in the unit of the file; `label` is the header of the column.
+    """Quantisation step of a column of a log, and its effect on the slip ratio or on mu."""
 
-    `share` is the change of the slip ratio at the initial speed, or for a torque the change of mu, by one step.
-    """
-
-    label: str
-    step: float
-    share: float
+    label: str  # header of the column
+    step: float  # in the unit of the file
+    share: float  # change of the slip ratio at the initial speed, or of mu for a torque, by one step
     is_torque: bool
 
     @property

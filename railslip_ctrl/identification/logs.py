@@ -59,13 +59,13 @@ _SUFFIXES = frozenset(name.lower() for name in TRADE_UNITS)  # units accepted wi
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a quantity in a log: index from 0, header cell, and SI value of its unit (`factor`)."""
+    """Column of a quantity in a log."""
 
     quantity: str
-    factor: float
-    index: int
+    factor: float  # SI value of its unit
+    index: int  # from 0
     header: str
-    unit_given: bool
+    unit_given: bool  # if false, the column is read in SI
 
 
 def find_columns(
@@ -215,12 +215,12 @@ _ALL_NAMES = frozenset(_plain(name) for names in NAMES.values() for name in name
 
 @dataclass(frozen=True)
 class Header:
-    """Format of the rows; `next_line` is the number of the first line after the header and its line of units."""
+    """Format of the rows of a log, as read from the header."""
 
     cells: tuple[str, ...]
     columns: dict[str, Column]
     separator: str
-    next_line: int
+    next_line: int  # number of the first line after the header and its line of units
     notes: tuple[str, ...]
 
 
@@ -474,11 +474,11 @@ class Rows:
 
 @dataclass
 class Broken:
-    """Unreadable lines: their number, the last line number, and line numbers and reasons of the first (`named`)."""
+    """Unreadable lines of a log."""
 
     count: int = 0
-    last: int = 0
-    named: list[tuple[int, str]] = field(default_factory=list)
+    last: int = 0  # number of the last unreadable line
+    named: list[tuple[int, str]] = field(default_factory=list)  # line numbers and reasons of the first
 
     def add(self, line: int, reason: str) -> None:
         self.count += 1

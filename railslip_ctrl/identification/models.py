@@ -47,20 +47,17 @@ _SMALLEST = 1e-9  # least size of a coordinate, absolute
 class Coordinates:
     """Search coordinates of the free parameters: their bounds, and the conversion from and to parameter values.
 
-    Each array has one entry for each parameter: bounds `least` and `most` and usual size `typical` of its value, bounds
-    `lower` and `upper` of its coordinate. If beta and gamma are free, and beta has no other bound than 0, their indices
-    are in `pair`, and their coordinates are gamma/beta and 1/gamma. If beta is free but gamma is not, `inverse` is the
-    index of beta, and its coordinate is 1/beta. Otherwise the coordinate of a parameter is its value.
+    The coordinate of a parameter is its value, except for beta and gamma if `pair` or `inverse` is given.
     """
 
     names: tuple[str, ...]
-    least: Floats
-    most: Floats
-    typical: Floats
-    lower: Floats
-    upper: Floats
-    pair: tuple[int, int] | None = None
-    inverse: int | None = None
+    least: Floats  # lower bounds of the values
+    most: Floats  # upper bounds of the values
+    typical: Floats  # values of usual size
+    lower: Floats  # lower bounds of the coordinates
+    upper: Floats  # upper bounds of the coordinates
+    pair: tuple[int, int] | None = None  # indices of beta and gamma with the coordinates gamma/beta and 1/gamma
+    inverse: int | None = None  # index of beta with the coordinate 1/beta
 
     @classmethod
     def of(cls, names: tuple[str, ...], least: Floats, most: Floats, typical: Floats) -> Coordinates:
@@ -160,56 +157,42 @@ _LAW_POINTS = 8  # points of the lookup table for each knot; its monotone cubics
 
 @dataclass(frozen=True)
 class Setting:
-    """Known quantities of a fit: wheel load, N, initial speed v0, m/s, rail, and the user's settings, SI.
+    """Known quantities of a fit, and the settings by the user."""
 
-    `slip_acceleration` is R measured on the log's slip ramps, m/s^2, None if the log has no ramps.
-    `acceleration_spread` is the standard deviation of R from run to run, None if not known. `given_acceleration` is R
-    as given by the user, or None.
-    """
-
-    wheel_load: float
-    initial_speed: float
-    slip_acceleration: float | None
-    given_acceleration: float | None = None
+    wheel_load: float  # N
+    initial_speed: float  # v0, m/s
+    slip_acceleration: float | None  # R measured on the slip ramps of the log, m/s^2
+    given_acceleration: float | None = None  # R given by the user, m/s^2
     rail: Rail = Rail.DRY
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    acceleration_spread: float | None = None
+    fixed: Mapping[str, float] = field(default_factory=dict)  # values given by the user, SI
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # given by the user, SI
+    acceleration_spread: float | None = None  # standard deviation of R from run to run, m/s^2
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Features of the measured curve, from which the starting values of the fits are computed.
+    """Features of the measured curve, from which the starting values of the fits are computed."""
 
-    `slope` is dmu/dslip at low slip. mu is `peak` at the slip ratio `peak_slip`, and `end` near the largest slip,
-    `end_slip`. `speed` is the mean train speed, m/s.
-    """
-
-    slope: float
-    peak_slip: float
-    peak: float
-    end_slip: float
-    end: float
-    speed: float
+    slope: float  # dmu/dslip at low slip
+    peak_slip: float  # slip ratio of the highest mu
+    peak: float  # mu at this slip
+    end_slip: float  # slip ratio near the largest slip
+    end: float  # mu at this slip
+    speed: float  # mean train speed, m/s
 
 
 @dataclass(frozen=True)
 class FitModel:
-    """A model to be fitted: `names` are the free parameters, `known` the values of the other parameters.
-
-    `law` is the class of the fitted adhesion law, `force_law` the class whose force is fitted to the measured curve.
-    They differ only for "bristle", whose force along a slip ramp is given by the law `curve`. Each row of `starts`,
-    (starts, names), has one set of starting values; `lower` and `upper` are the bounds of the values.
-    """
+    """A model to be fitted: adhesion law, free parameters, starting values and bounds."""
 
     name: str
-    law: type[AdhesionLaw]
-    force_law: type[AdhesionLaw]
-    names: tuple[str, ...]
-    starts: Floats
-    lower: Floats
+    law: type[AdhesionLaw]  # class of the fitted law
+    force_law: type[AdhesionLaw]  # class whose force is fitted to the measured curve; "bristle": `curve`
+    names: tuple[str, ...]  # free parameters
+    starts: Floats  # sets of starting values, (sets, names)
+    lower: Floats  # bounds of the values
     upper: Floats
-    known: Mapping[str, float | tuple[float, ...]]
+    known: Mapping[str, float | tuple[float, ...]]  # values of the other parameters
     notes: tuple[str, ...] = ()
 
     def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:

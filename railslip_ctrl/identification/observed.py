@@ -82,18 +82,14 @@ _LONGEST_RUN = 4096  # rows; longer runs are split, so that one run cannot fill 
 
 @dataclass(frozen=True)
 class BrakedRows:
-    """Rows under brake in whole runs, from application to release of the brake; arrays of one length.
+    """Rows under brake in whole runs, from application to release of the brake; arrays of one length."""
 
-    `time`, s, train `speed`, m/s, `omega` of the wheel, rad/s, brake `torque`, N*m, wheel `load`, N, and number of the
-    `run`.
-    """
-
-    time: Floats
-    speed: Floats
-    omega: Floats
-    torque: Floats
-    load: Floats
-    run: Floats
+    time: Floats  # s
+    speed: Floats  # of the train, m/s
+    omega: Floats  # of the wheel, rad/s
+    torque: Floats  # of the brake, N*m
+    load: Floats  # of the wheel, N
+    run: Floats  # number of the run
 
     def __len__(self) -> int:
         return len(self.time)
@@ -145,43 +141,28 @@ _MIXED = 1.25  # ratio of the runs' initial speeds beyond which a single v0 does
 
 @dataclass
 class Survey:
-    """Statistics of a log's rows; speeds in m/s, times in s, loads in N.
-
-    - used: number of rows with an adhesion sample: under brake, with slip and speed in range.
-    - runs: number of runs, separated by pauses between used rows that are longer than the settling time.
-    - lost: number of rows under brake within the settling time after a gap or the start.
-    - reversed: number of rows with slip and a brake torque of the wrong sign.
-    - readhesion: number of rows left out because the slip falls after a release of the brake.
-    - backward, forward: number of rows in which the train runs backward, and forward, at more than 5 km/h.
-    - implausible, first_implausible: number of impossible rows, and description of the first.
-    - gaps, gap_count: the first gaps as (line, seconds), and the number of gaps; the observer restarts after each gap.
-    - bridged, longest_bridged: number and maximum of long intervals between rows over which the observer continues.
-    - initial_speed: highest filtered train speed.
-    - slowest_start, fastest_start: lowest and highest initial speed of a run.
-    - interval: median interval between the first rows.
-    - highest_pull: highest magnitude of the brake torque, divided by wheel load and radius.
-    """
+    """Statistics of the rows of a log: numbers of rows, speeds, m/s, times, s, and loads, N."""
 
     rows: int = 0
-    used: int = 0
-    runs: int = 0
-    gaps: list[tuple[int, float]] = field(default_factory=list)
+    used: int = 0  # rows with an adhesion sample: under brake, with slip and speed in range
+    runs: int = 0  # separated by pauses longer than the settling time
+    gaps: list[tuple[int, float]] = field(default_factory=list)  # the first gaps, as (line, seconds)
     gap_count: int = 0
-    implausible: int = 0
-    bridged: int = 0
+    implausible: int = 0  # physically impossible rows
+    bridged: int = 0  # long intervals between rows over which the observer continues
     longest_bridged: float = 0.0
-    lost: int = 0
-    reversed: int = 0
-    backward: int = 0
-    forward: int = 0
-    first_implausible: str = ""
-    initial_speed: float = 0.0
-    interval: float = math.nan
-    slowest_start: float = math.nan
-    fastest_start: float = math.nan
-    load_sum: float = 0.0
-    readhesion: int = 0
-    highest_pull: float = 0.0
+    lost: int = 0  # rows under brake within the settling time after a gap or the start
+    reversed: int = 0  # rows with slip and a brake torque of the wrong sign
+    backward: int = 0  # rows in which the train runs backward at more than 5 km/h
+    forward: int = 0  # rows in which the train runs forward at more than 5 km/h
+    first_implausible: str = ""  # description of the first impossible row
+    initial_speed: float = 0.0  # highest filtered train speed
+    interval: float = math.nan  # median interval between the first rows
+    slowest_start: float = math.nan  # lowest initial speed of a run
+    fastest_start: float = math.nan  # highest initial speed of a run
+    load_sum: float = 0.0  # of the rows used
+    readhesion: int = 0  # rows left out because the slip falls after a release of the brake
+    highest_pull: float = 0.0  # highest magnitude of brake torque over wheel load and radius
 
     @property
     def wheel_load(self) -> float:

@@ -52,26 +52,18 @@ _SPLINE_REACH = 0.005  # slip by which the spline extends beyond the record's hi
 
 
 class Errors(NamedTuple):
-    """Prediction errors of the wheel speed, rad/s; arrays with one entry for each interval between rows.
-
-    `decay` is the factor by which a deviation of the wheel speed shrinks over the interval. `start` is the derivative
-    of the error with respect to the bristles' deflection at the start of the run, None for a static model.
-    """
+    """Prediction errors of the wheel speed, rad/s; arrays with one entry for each interval between rows."""
 
     error: Floats
-    decay: Floats
-    start: Floats | None
+    decay: Floats  # factor by which a deviation of the wheel speed shrinks over the interval
+    start: Floats | None  # derivative by the deflection of the bristles at the start of the run
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """Intervals between neighbouring rows of a run; SI, arrays of one length.
+    """Intervals between neighbouring rows: values at the beginning (0) and the end (1); SI, arrays of one length."""
 
-    Names with 0 are values at the beginning of the interval, names with 1 values at its end. `step` is the length of
-    the interval, `time` its end. `speed_bend` is the second derivative of the train's speed times `step` squared, m/s.
-    """
-
-    step: Floats
+    step: Floats  # length of the interval
     speed0: Floats
     speed1: Floats
     omega0: Floats
@@ -79,9 +71,9 @@ class Intervals:
     torque0: Floats
     torque1: Floats
     load: Floats
-    time: Floats
+    time: Floats  # end of the interval
     run: Integers
-    speed_bend: Floats
+    speed_bend: Floats  # second derivative of the train speed times `step` squared, m/s
 
     @classmethod
     def of(cls, record: BrakedRows) -> Intervals:

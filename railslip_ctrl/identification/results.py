@@ -65,17 +65,16 @@ _LEAST_BY_PARAMETER = 2.0  # least independent samples for each parameter; AIC a
 class Score:
     """Goodness of a fit: error of mu in each bin of slip, and the information criteria `aic` and `bic`.
 
-    `bin_error` is |mean mu of the samples - mean mu of the model| in the bin with the mean slip ratio `bin_slip`.
-    `independent` is the number of independent samples, from the long-run variance of the noise. The noise is the
-    residual of the best model, so only criteria from one call of `compare` can be compared; a lower one is better.
+    The noise is the residual of the best model, so only criteria from one call of `compare` can be compared; a lower
+    one is better.
     """
 
     fit: Fit
-    bin_slip: Floats
-    bin_error: Floats
+    bin_slip: Floats  # mean slip ratio of each bin
+    bin_error: Floats  # |mean mu of the samples - mean mu of the model| in each bin
     aic: float
     bic: float
-    independent: float
+    independent: float  # number of independent samples
 
     @property
     def mean_abs_error(self) -> float:
@@ -169,42 +168,35 @@ _LEAST_STEP = 1e-5  # least relative difference step; for smaller steps the peak
 
 @dataclass(frozen=True)
 class PeakSlip:
-    """Adhesion peak at a `speed`, m/s, on a `rail`: its `slip` ratio, NaN for a law without peak, and its mu.
+    """Adhesion peak at a `speed`, m/s, on a `rail`: slip ratio and mu with 95 % intervals, and the reference slip.
 
-    - slip_interval, coefficient_interval: 95 % intervals of slip and mu; the upper ends are infinite if the log does
-      not go past the peak. If a formula does not fit better than a table, they contain the intervals of the table's
-      peak.
-    - reference, reference_coefficient: reference slip, and mu at this slip. The reference slip is the lower end of the
-      peak's 99 % interval, but loses at most `LARGEST_LOSS` of the peak adhesion, and is at most `OFF_THE_PEAK` times
-      the peak slip.
-    - by_rule: true if a law fitted on dry rail was converted to wet rail by the law's rule; the intervals are then NaN.
-    - extrapolated: true if `speed` is outside the initial speeds of the log.
+    If a formula does not fit better than a table, the intervals contain those of the table's peak. The reference slip
+    is the lower end of the peak's 99 % interval, but loses at most `LARGEST_LOSS` of the peak adhesion, and is at most
+    `OFF_THE_PEAK` times the peak slip.
     """
 
     speed: float
     rail: Rail
-    slip: float
-    slip_interval: tuple[float, float]
-    coefficient: float
-    coefficient_interval: tuple[float, float]
+    slip: float  # NaN for a law without peak
+    slip_interval: tuple[float, float]  # 95 %
+    coefficient: float  # mu at the peak
+    coefficient_interval: tuple[float, float]  # 95 %
     reference: float = math.nan
-    reference_coefficient: float = math.nan
-    by_rule: bool = False
-    extrapolated: bool = False
+    reference_coefficient: float = math.nan  # mu at the reference slip
+    by_rule: bool = False  # converted from dry to wet rail by the rule of the law; the intervals are then NaN
+    extrapolated: bool = False  # `speed` is outside the initial speeds of the log
 
     @property
     def slip_stderr(self) -> float:
-        """Longer side of the 95 % interval of the slip, divided by 1.96."""
-        return max(abs(end - self.slip) for end in self.slip_interval) / QUANTILE
+        return max(abs(end - self.slip) for end in self.slip_interval) / QUANTILE  # of the longer side
 
     @property
     def coefficient_stderr(self) -> float:
-        """Longer side of the 95 % interval of mu, divided by 1.96."""
         return max(abs(end - self.coefficient) for end in self.coefficient_interval) / QUANTILE
 
     @property
     def lowest_slip(self) -> float:
-        """Lower end of the 99 % interval of the slip."""
+        # of the 99 % interval
         return self.slip - NORMAL_QUANTILE / QUANTILE * (self.slip - self.slip_interval[0])
 
     @property
@@ -370,18 +362,14 @@ _SAME_SPEED = 0.01  # relative difference below which initial speeds count as eq
 
 @dataclass(frozen=True)
 class ParameterPolynomial:
-    """A parameter, SI, as a polynomial of the initial speed v0 in km/h: the sum of coefficients[k] v0^k.
-
-    The polynomial is fitted to the `values` at `speeds_kmh`. `misfit_probability` is the p-value of a chi-squared test
-    whether they agree, NaN if the polynomial passes through all values or too few standard errors are known.
-    """
+    """A parameter, SI, as a polynomial of the initial speed v0 in km/h: the sum of coefficients[k] v0^k."""
 
     name: str
     coefficients: Floats
     covariance: Floats
     speeds_kmh: Floats
-    values: Floats
-    misfit_probability: float
+    values: Floats  # fitted in the logs
+    misfit_probability: float  # p-value of a chi-squared test; NaN if it is not possible
 
     @property
     def misses(self) -> str:

@@ -63,36 +63,21 @@ class RigProcedure:
 
 @dataclass(frozen=True)
 class RigTest:
-    """Conditions and sensors of a rig test, SI.
-
-    - vehicle, law: wheel, mass and wheel load; the true adhesion law.
-    - initial_speed: speed of free rolling before the brake is applied.
-    - rate, release_slip: the torque rises at `rate`, N*m/s, until the slip ratio exceeds `release_slip`.
-    - interval: sampling interval of the log, s.
-    - random_force: standard deviation, N, of the random adhesion force, which has a new value in each interval.
-    - wheel_noise, speed_noise, torque_noise: standard deviations of the noise on a sample of wheel speed, rad/s, train
-      speed, m/s, and torque, N*m.
-    - encoder: measures the wheel's speed if given; `wheel_noise` is then not used.
-    - torque_offset: sensor offset added to the measured torque, N*m.
-    - spread: standard deviation, from test to test, of the logarithm of a factor on the adhesion.
-    - brake: dead time and lag of the rig's brake.
-
-    InputError for a value out of its range.
-    """
+    """Conditions and sensors of a rig test, SI; InputError for a value out of its range."""
 
     vehicle: Vehicle
-    law: AdhesionLaw
-    initial_speed: float
-    rate: float = 4000.0
-    release_slip: float = 0.5
-    interval: float = 0.01
-    random_force: float = RANDOM_FORCE
-    wheel_noise: float = 0.01
-    speed_noise: float = 0.0
-    torque_noise: float = 0.0
-    encoder: Encoder | None = None
-    torque_offset: float = 0.0
-    spread: float = 0.0
+    law: AdhesionLaw  # the true adhesion law
+    initial_speed: float  # speed of free rolling before the brake is applied, m/s
+    rate: float = 4000.0  # of the rising torque, N*m/s
+    release_slip: float = 0.5  # slip ratio at which the brake is released
+    interval: float = 0.01  # sampling interval of the log, s
+    random_force: float = RANDOM_FORCE  # N, standard deviation; a new value in each interval
+    wheel_noise: float = 0.01  # rad/s, standard deviation; unused with an encoder
+    speed_noise: float = 0.0  # m/s, standard deviation
+    torque_noise: float = 0.0  # N*m, standard deviation
+    encoder: Encoder | None = None  # measures the wheel speed if given
+    torque_offset: float = 0.0  # sensor offset, N*m
+    spread: float = 0.0  # standard deviation of ln(factor on the adhesion) from test to test
     brake: Actuator = RIG_BRAKE
 
     def __post_init__(self) -> None:
