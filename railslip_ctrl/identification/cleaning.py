@@ -203,7 +203,7 @@ _FLOOR = {"train_speed": 0.1, "wheel_speed": 0.1, "wheel_angular_speed": 0.2, "b
 # encoder count more or less explains two steps.
 _LEAST_STEPS = 3.5
 
-PIECE = 4096  #: rows judged together; the overall noise of the log is estimated from the first piece
+PIECE = 4096  #: rows judged together; the first of these groups gives the overall noise of the log
 
 
 class OutlierFilter(RowFilter):

@@ -1,9 +1,9 @@
 """Compute the adhesion curve of a log and collect the faults of the log; no model is fitted here.
 
-Samples of mu are not stored but summed over cells of slip and train speed, which are enough for a least-squares fit to
-all samples. A two-point Gauss rule gives the mean of a model's mu over a cell; it is exact if mu is a cubic polynomial
-of slip. Sums over stretches of time give the long-run variance of the noise, which is n times the variance of the mean
-of n samples for large n; the noise of neighbouring samples is correlated.
+Samples of mu are not stored. Their sums in cells of slip and train speed are enough for a least-squares fit to all
+samples. A two-point Gauss rule gives the mean of a model's mu over a cell; it is exact if mu is a cubic polynomial of
+slip. Sums over stretches of time give the long-run variance of the noise, which is n times the variance of the mean of
+n samples for large n; the noise of neighbouring samples is correlated.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ class Accumulator:
 
 _CELLS = SLIP_CELLS * _SPEED_CELLS
 
-# Variance of the slip below which it counts as 0: rounding of the moments, for slip ratios up to 1.
+# Largest variance of the slip that can be due to rounding of its moments, for slip ratios up to 1.
 _NO_SPREAD = 1e-13
 
 

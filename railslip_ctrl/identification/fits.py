@@ -322,7 +322,7 @@ SINGULAR = 1e-6
 
 _DIFFERENCE = 1e-5  # difference step, in sizes of a coordinate
 _AT_BOUND = 1e-6  # in sizes of a coordinate: a search may end this far inside a bound
-_NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound counts as resting on it
+_NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound is assumed to be on it
 _LARGEST_DISTANCE = 0.05  # of the typical value: limit of the distance `_NEAR_BOUND`, as a standard error may be huge
 
 
@@ -536,7 +536,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model with its quality; fields of a prediction-error fit are NaN or None without this fit."""
+    """A fitted model. Fields that need a prediction-error fit are NaN or None without this fit."""
 
     model: FitModel
     law: AdhesionLaw  # with the fitted parameters

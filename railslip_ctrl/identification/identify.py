@@ -100,7 +100,7 @@ _OPEN_BOUND = 1e-11  # a bound below this represents an open bound of 0
 
 # --- the delay of the wheel's speed ----------------------------------------------------------------------------------
 
-_EQUAL = 2.6  # in standard errors: two delays that differ by less count as equal (99 %)
+_EQUAL = 2.6  # in standard errors: two delays that differ by less are regarded as equal (99 %)
 _MOST_ROWS = 2000  # most rows used, in whole runs from the start; enough to resolve a delay of a tenth of an interval
 _LEAST_GAIN = 40.0  # least fall of the deviance over the errors' long-run variance; logs without a delay reached 26
 _GAIN_OF_TABLE = 6.6  # least fall of a table's deviance (chi-squared, 1 %); lower, as a table absorbs part of a delay
@@ -244,11 +244,11 @@ class Candidates:
         return tuple(fits), tuple(failures)
 
     def with_intervals(self, fitted: Fit) -> Fit:
-        """Return the fit with intervals of its parameters; it is repeated if it has none."""
+        """Return the fit with intervals of its parameters; if it has none, the model is fitted again."""
         return fitted if fitted.with_profiles else self._fit(fitted.model.name, profiles=True)
 
     def table_of(self, fits: Sequence[Fit]) -> Fit | None:
-        """Return the table in `fits`, else a fitted table; None if it has no prediction-error fit."""
+        """Return the table in `fits`, else fit a table; None if the table has no prediction-error fit."""
         table = next((each for each in fits if each.model.name == "table"), None)
         if table is None:
             with suppress(InputError):
@@ -491,11 +491,7 @@ def _wheel_findings(curve: AdhesionCurve) -> tuple[str, ...]:
 def _peaks(
     score: results.Score, setting: models.Setting, curve: AdhesionCurve, table: Fit | None
 ) -> tuple[results.PeakSlip, ...]:
-    """Adhesion peaks at `DRIFT_SPEEDS`; a peak beyond the largest slip of the log has no reference slip.
-
-    If a formula fits the motion no better than the table, the interval of its peak is widened to contain the interval
-    of the table's peak.
-    """
+    # unless the formula fits the motion better than the table, its interval also contains that of the table's peak
     fit, v0, widest = score.fit, setting.initial_speed, None
     speeds = [share * v0 for share in DRIFT_SPEEDS]
     if table is not None and fit.model.name != "table" and not fit.deviance < table.deviance:
@@ -552,8 +548,8 @@ def identify_several(
 ) -> LogSeries:
     """Identify logs of several initial speeds with one model.
 
-    With the model "best", the formula whose BIC, summed over the logs, is lowest is chosen. `paths` are the logs;
-    `vehicle`, `options`, `progress` and InputError are as in `identify`.
+    The model "best" is the formula with the lowest sum of BIC over the logs. `paths` are the logs; `vehicle`,
+    `options`, `progress` and InputError are as in `identify`.
     """
     whole = [path.resolve() for path in paths]
     for i, path in enumerate(whole):

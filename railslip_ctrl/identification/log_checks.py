@@ -198,7 +198,7 @@ _OTHER_UNIT = 0.15  # slip ratio; wear of the wheel causes less, so a larger sli
 MOST_FREE_SLIP = 0.5  #: slip ratio in free rolling beyond which a log is refused; no error of a radius is so large
 
 _UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
-_EQUAL = 0.05  # relative difference below which two ratios count as equal; larger than usual errors of the radius
+_EQUAL = 0.05  # largest relative difference of equal ratios; larger than usual errors of the radius
 _MOST_CREEP = 0.002  # upper limit of the computed creep, slip ratio, because a wrong radius distorts the slope used
 _UNTRUSTED = 0.005  # slip ratio in free rolling beyond which other checks of the log are unreliable
 _EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this share of the slip remains without the zero
@@ -215,7 +215,7 @@ class Known:
     zeros: Mapping[str, float]  # subtracted sensor offsets, SI, by quantity
 
     def creep(self, rolling: Rolling) -> float:
-        """Slip ratio at which the adhesion force on an unbraked wheel balances its friction and inertia."""
+        """Slip ratio at which the adhesion force on an unbraked wheel balances the wheel's friction and inertia."""
         if not self.slope > 0.0:
             return 0.0
         vehicle, radius = self.vehicle, self.vehicle.wheel.radius

@@ -291,7 +291,7 @@ def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[
 def _with_units_below(
     cells: list[str], lines: Sequence[bytes], end: int, first_row: int, find: Callable[[list[str]], dict[str, Column]]
 ) -> tuple[dict[str, Column], int]:
-    """Return the columns of a header and the index of the line after it and its line of units."""
+    """Return the columns of a header, and the index of the line after the header and its line of units."""
     by_quantity = find(cells)
     at = next((i for i in range(end, len(lines)) if lines[i].strip(_BLANK)), end)
     for row, _, after in _records(lines, at, first_row) if at < len(lines) else ():
@@ -346,8 +346,8 @@ _OTHER_FORMATS = {
 class LogFile:
     """Reads the bytes of a log once, from the beginning; a gzipped file is unpacked.
 
-    `path` is a regular file or `STANDARD_INPUT`. InputError for any other file. `damage` says why a gzipped file ends
-    early; it is empty if the file is complete.
+    `path` is a regular file or `STANDARD_INPUT`. InputError for a file that cannot be read. `damage` says why a gzipped
+    file ends early; it is empty if the file is complete.
     """
 
     def __init__(self, path: Path) -> None:
@@ -657,6 +657,7 @@ class Log:
         return Rows(number, values).where(possible)
 
     def _usual_count(self, block: bytes) -> int:
+        # rows may end in a separator, which adds an empty cell, and may lack empty last cells
         lines = block.split(b"\n", _FIRST_ROWS)[:-1]
         most, separator = len(self._header.cells), self._separator.encode()
         least = max((i for i, cell in enumerate(self._header.cells, 1) if cell.strip()), default=most)

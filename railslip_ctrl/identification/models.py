@@ -132,7 +132,7 @@ class Coordinates:
         return 1.0 / value if self.by_inverse(index) else value
 
     def range_of(self, index: int, x: Floats) -> tuple[float, float]:
-        """Bounds of `represented` for a parameter when the search is at the coordinates x."""
+        """Bounds of the number that `represented` returns, for a search at the coordinates x."""
         if self.pair is not None and index == self.pair[0]:
             return float(x[index] * self.lower[self.pair[1]]), float(1.0 / self.least[index])
         return float(self.lower[index]), float(self.upper[index])

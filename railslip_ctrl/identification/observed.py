@@ -44,7 +44,7 @@ class Channels:
         return np.stack([each.adhesion_torque for each in estimates])
 
 
-_RELEASED = 0.1  # relative fall of the torque within a time constant that counts as a release of the brake
+_RELEASED = 0.1  # relative fall of the torque within a time constant that indicates a release of the brake
 
 
 class Readhesion:
@@ -59,7 +59,7 @@ class Readhesion:
         self._falls_back = False
 
     def add(self, time: Floats, slip: Floats, torque: Floats) -> Flags:
-        """Return True for each row in readhesion; `time`, s, slip ratio and brake torque, N*m, unfiltered."""
+        """Return True for each row in readhesion. `time` is in s; `slip` and `torque`, N*m, are unfiltered."""
         # a signal falls if it is lower after one filter than after two filters in series
         now = self._once.run(time, np.stack([slip, torque]))
         fallen = self._twice.run(time, now) - now
@@ -96,10 +96,7 @@ class BrakedRows:
 
 
 class Recorder:
-    """Records rows under brake; one run in every `stride` runs is kept.
-
-    `stride` is doubled whenever there are more rows than `MOST_ROWS`.
-    """
+    """Records rows under brake. One run in every `stride` runs is kept, so that the number of rows is bounded."""
 
     def __init__(self, most_rows: int = MOST_ROWS) -> None:
         self._most = most_rows
@@ -166,7 +163,6 @@ class Survey:
 
     @property
     def wheel_load(self) -> float:
-        """Mean wheel load of the rows used, N."""
         return self.load_sum / self.used
 
     @property
@@ -195,7 +191,7 @@ _GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap if it is
 _BRIDGED = 1.0
 
 _SETTLING = 5.0  # time constants after a start until the unknown initial adhesion torque has an effect below 1 %
-LEAST_PULL = 0.02  # of wheel load times radius; with a lower torque the brake counts as released
+LEAST_PULL = 0.02  # of wheel load times radius; with a lower torque the brake is regarded as released
 
 # Physical limits of a row. A wheel far faster than its braked train indicates a wrong unit or column.
 _FASTEST = 200.0  # m/s
@@ -223,8 +219,7 @@ class Observer(StrEnum):
 class Observed:
     """Samples of adhesion over slip, SI, arrays of one length; all except `time` are filtered by the observer.
 
-    `slip2`, `slip3` and `slip_speed` are the filtered square and cube of the slip, and its product with the train
-    speed.
+    `slip2`, `slip3` and `slip_speed` are the filtered products slip^2, slip^3 and slip times train speed.
     """
 
     time: Floats
@@ -430,7 +425,7 @@ class TimeHistory:
 
 
 def time_history_of(record: BrakedRows, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
-    """Time history of the longest run of a record; None if it is empty. `time_constant`, s: observer."""
+    """Return the signals of the longest run of a record. The `time_constant`, s, is that of the observer."""
     if not len(record):
         return None
     runs, counts = np.unique(record.run, return_counts=True)

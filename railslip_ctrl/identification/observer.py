@@ -314,9 +314,9 @@ class FilterObserver(TorqueObserver):
         y[k] = exp(-q) y[k-1] + (1 - exp(-q)) J (omega[k] - omega[k-1])/h + w0 u[k-1] + w1 u[k],
         w1 = 1 - (1 - exp(-q))/q,  w0 = 1 - exp(-q) - w1.
 
-    In the printed form w0 = w1 = 0, and the estimate is y + u. `inertia` J (kg m^2, > 0) and `viscous_friction` B (N m
-    s, >= 0) include the vehicle's inertia scale, `time_constant` is tau (s, > 0), and `form` is printed or corrected.
-    InputError for a number out of range.
+    In the printed form w0 = w1 = 0, and the estimate is y + u. `inertia` J (kg m^2, > 0) and `viscous_friction` B
+    (N*m*s, >= 0) include the vehicle's inertia scale, `time_constant` is tau (s, > 0), and `form` is printed or
+    corrected. InputError for a number out of range.
     """
 
     inertia: float
@@ -378,9 +378,10 @@ _LARGEST_RESIDUAL = 1e-6
 def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool) -> Floats:
     """Solve the Riccati equation of a Kalman filter for the covariance P of its error; the first state is measured.
 
-    `A` is the matrix of the states, `driven` the noise that drives them, `noise` that of the measurement C x, with C =
-    (1, 0, ...). In continuous time, A P + P A' - P C' C P/noise + driven = 0. If `sampled`, P just before a sample is P
-    = A (P - P C' C P/(C P C' + noise)) A' + driven. InputError if no valid solution can be computed.
+    `A` is the matrix of the states, `driven` the noise that drives them, `noise` that of the measurement C x, where C
+    is (1, 0, ...). In continuous time, A P + P A' - P C' C P/noise + driven = 0. If `sampled`, the covariance just
+    before a sample is P = A (P - P C' C P/(C P C' + noise)) A' + driven. InputError if no valid solution can be
+    computed.
     """
     import control
 
@@ -443,7 +444,7 @@ class KalmanObserver(TorqueObserver):
 
         The `encoder` gives the noise variance of the speed, and the `sensor` that of the torque. `interval` is the
         sampling interval, s. Ta is expected to change by `change` (N*m, one standard deviation) within the time
-        `within` (s).
+        `within` (s), so that `walk` is change^2/within.
         """
         number("change", change, "N*m", gt=0)
         number("within", within, "s", gt=0)

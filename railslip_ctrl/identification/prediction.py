@@ -61,7 +61,7 @@ class Errors(NamedTuple):
 
 @dataclass(frozen=True)
 class Intervals:
-    """Intervals between neighbouring rows: values at the beginning (0) and the end (1); SI, arrays of one length."""
+    """Intervals between neighbouring rows; names with 0: values at the beginning, names with 1: at the end. SI."""
 
     step: Floats  # length of the interval
     speed0: Floats
@@ -91,7 +91,8 @@ class Intervals:
         """Return the intervals with curvature: `speed_bend` is set, and the torques have the mean of a parabola.
 
         A parabola passes through both ends of the interval, and through the row before or the row after the interval.
-        The flatter of the two is used, because it does not cross a corner of the signal; if `steeper`, the other one.
+        The flatter of the two is used, because it does not cross a corner of the signal. If `steeper`, the steeper one
+        is used.
         """
         # the torque of a released brake decays so fast that the mean of its values at both ends is 1 % too high
         excess = self._curvature(self.torque0, self.torque1, steeper=steeper) / 12.0
@@ -195,11 +196,8 @@ class PredictionErrors:
         return alpha, beta, gamma
 
     def _bristles(self, values: Floats) -> tuple[Errors, Floats, Floats, Floats]:
-        """Return the errors, sigma, the mean of z if z = 0 at the start of the run, and its derivative by this z.
-
-        The deflection z of the bristles follows z' = sigma - alpha beta |sigma| z/(gamma - |sigma|), with the mean
-        sigma of each interval.
-        """
+        # z' = sigma - alpha beta |sigma| z/(gamma - |sigma|) for the deflection z of the bristles, with the mean sigma
+        # of each interval; the last result is the derivative of the mean z by z at the start of the run
         i = self.intervals
         alpha, beta, gamma = self._values(values)
         v, omega = (i.speed0 + i.speed1) / 2, (i.omega0 + i.omega1) / 2

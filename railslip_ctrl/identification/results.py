@@ -65,8 +65,8 @@ _LEAST_BY_PARAMETER = 2.0  # least independent samples for each parameter; AIC a
 class Score:
     """Goodness of a fit: error of mu in each bin of slip, and the information criteria `aic` and `bic`.
 
-    The noise is the residual of the best model, so only criteria from one call of `compare` can be compared; a lower
-    one is better.
+    A lower criterion is better. Only criteria from one call of `compare` can be compared, because they use the noise of
+    the best model in this call.
     """
 
     fit: Fit
@@ -108,7 +108,7 @@ def misfit_probability(fit: Fit, table: Fit) -> float:
     """p-value of the F test whether a formula fits the log as well as a table does.
 
     F is the deviance of the formula minus that of the table, divided by the number of additional parameters of the
-    table and by the long-run variance of its whitened errors, at least 1. NaN if a prediction-error fit is missing or
+    table and by the long-run variance of its whitened errors (at least 1). NaN if a prediction-error fit is missing or
     the table has no additional parameters.
     """
     from scipy.stats import f
@@ -157,7 +157,7 @@ LARGEST_LOSS = 0.02  #: largest share of the peak adhesion that a reference slip
 OFF_THE_PEAK = 0.8
 
 _UNKNOWN = (math.nan, math.nan)
-_LOWEST_SLIP = 1e-5  # slip ratio; a law with a peak at a lower slip counts as falling from slip 0
+_LOWEST_SLIP = 1e-5  # slip ratio; a law with a peak at a lower slip is assumed to fall from slip 0
 _STEP = 0.1  # difference step for the peak's derivatives, in standard errors, or sizes of a coordinate if less
 _PEAK_POINTS = 2000  # slips among which a table's peak is searched, 0.3 % apart
 _UNRESOLVED = 0.25  # of the distance between knots: resolution of the spline's peak
@@ -171,8 +171,8 @@ class PeakSlip:
     """Adhesion peak at a `speed`, m/s, on a `rail`: slip ratio and mu with 95 % intervals, and the reference slip.
 
     If a formula does not fit better than a table, the intervals contain those of the table's peak. The reference slip
-    is the lower end of the peak's 99 % interval, but loses at most `LARGEST_LOSS` of the peak adhesion, and is at most
-    `OFF_THE_PEAK` times the peak slip.
+    is the lower end of the peak's 99 % interval, or the slip with a loss of `LARGEST_LOSS` of the peak adhesion if that
+    is higher. It is at most `OFF_THE_PEAK` times the peak slip.
     """
 
     speed: float
@@ -357,7 +357,7 @@ HIGHEST_DEGREE = 2  #: highest degree of the polynomials, as in (30)-(32)
 
 _IMPROBABLE = 0.01  # significance level for a warning about a misfit
 
-_SAME_SPEED = 0.01  # relative difference below which initial speeds count as equal
+_SAME_SPEED = 0.01  # relative difference below which initial speeds are regarded as equal
 
 
 @dataclass(frozen=True)
