@@ -1,6 +1,6 @@
 """Clean a log: remove stray time stamps and outliers, correct sensor offsets and delays between columns.
 
-Each filter works on blocks of rows of any size; its result does not depend on the block size.
+The filters work on blocks of rows; their results do not depend on the block size.
 """
 
 from __future__ import annotations
@@ -23,21 +23,16 @@ from .logs import UNITS, Lines, Rows
 
 
 class RowFilter(ABC):
-    """Filter that drops rows by comparing them with their neighbours; `count` is the number of dropped rows.
+    """Drops rows of a log after a comparison with their neighbours; `count` is the number of dropped rows."""
 
-    To judge a row, the filter needs the `behind` rows before it and the `ahead` rows after it. Rows are judged in
-    groups of `piece` rows.
-    """
-
-    ahead: ClassVar[int]
-    behind: ClassVar[int]
-    piece: ClassVar[int]
+    ahead: ClassVar[int]  # number of later rows needed to judge a row
+    behind: ClassVar[int]  # number of earlier rows needed to judge a row
+    piece: ClassVar[int]  # number of rows judged together
 
     def __init__(self) -> None:
         self.count = 0
 
     def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
-        """Yield the rows that are not dropped; the last rows of a block are judged when the next block arrives."""
         waiting: Rows | None = None
         start = 0  # number of rows at the front of `waiting` that were judged before
         for block in itertools.chain(blocks, (None,)):
@@ -57,36 +52,27 @@ class RowFilter(ABC):
 
     @abstractmethod
     def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
-        """For each row from `start` to `stop`: True if the row is dropped."""
+        """Return, for each row from `start` to `stop`, True if the row is to be dropped."""
 
 
 # --- time stamps ---------------------------------------------------------------------------------------------------
 
 BESIDE = 16  #: rows on either side of an outlying time stamp, among which no other stamp may be out of order
 
-FAR_STAMP = 100.0
-"""Least distance of an outlying time stamp from both neighbours, in multiples of the usual interval.
-
-The usual interval is the median interval of the `BESIDE` rows before and after the stamp. If a stamp out of order is
-nearer to a neighbour, a row is misplaced or the clock was set back, and the log is refused.
-"""
+FAR_STAMP = 100.0  #: least distance of an outlying time stamp from its neighbours, in median intervals of nearby rows
 
 _LEAST_BESIDE = 4  # neighbouring stamps needed to estimate the usual interval
-
-# A step forward counts as a jump if it is this many times the step back after it; swapped rows have a smaller ratio.
-_JUMP = 5.0
+_JUMP = 5.0  # least ratio of a jump forward to the step back after it; swapped rows have a smaller ratio
 _STAMPS_KEPT = 64  # judged rows that are kept, to find the line of a jump
 _MOST_NAMED = 5  # stamps that have a warning of their own
 
 
 class StampFilter(RowFilter):
-    """Drops rows with an outlying time stamp; raises InputError if the remaining stamps do not increase.
+    """Drops rows with an outlying time stamp; raises InputError if the remaining time stamps do not increase.
 
-    A stamp out of order is an outlier if it is more than `FAR_STAMP` usual intervals away from both neighbours (at an
-    end of the log, from its only neighbour), and if the `BESIDE` stamps before and after it increase without it. A log
-    is refused if two outliers lie within `BESIDE` rows (a second clock), if a stamp is repeated, or if the time goes
-    back by less than this distance. A long step forward is a gap if the later stamps continue from it. The first and
-    the last step of a log always count as gaps. Errors begin with the log's `name`.
+    A time stamp out of order is an outlier if it is more than `FAR_STAMP` usual intervals away from both neighbours,
+    and if the `BESIDE` time stamps before it and after it increase without it. A long step forward is a gap, not an
+    outlier, if the later time stamps increase from there on. `name` is the name of the log in messages.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -98,7 +84,6 @@ class StampFilter(RowFilter):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the first dropped rows, one sentence each; if there are more, also their total number."""
         more = self.count - len(self.named)
         return (*self.named, f"{self.count} rows with outlying time stamps in all") if more else tuple(self.named)
 
@@ -119,7 +104,7 @@ class StampFilter(RowFilter):
 
 
 def _outlier(time: Floats, i: int) -> int | None:
-    """Index of the outlier, i or i+1, for a stamp i+1 that is not later than stamp i; None if neither is one."""
+    """Return the index of the outlier among the time stamps i and i + 1; None if neither is an outlier."""
     # if both qualify, the stamp with two neighbours is taken
     for at in (i, i + 1) if i > 0 else (i + 1, i):
         low = max(at - BESIDE, 0)
@@ -134,7 +119,6 @@ def _outlier(time: Floats, i: int) -> int | None:
 
 
 def _time_fault(lines: Lines, time: Floats, at: int) -> str:
-    """Describe why the stamp with index `at`, which is not later than the stamp before it, is wrong."""
     earlier = np.flatnonzero(time[:at] < time[at])
     # the stamps from `jump` to `at` - 1 are not earlier than the stamp at `at`
     jump = int(earlier[-1]) + 1 if len(earlier) else 0
@@ -180,19 +164,17 @@ def _are_multiples(changes: Floats, step: float) -> bool:
 
 
 class Resolution:
-    """Quantisation step of each column of a log: the smallest of the steps found in its parts."""
+    """Quantisation step of each column of a log, SI, by quantity; 0 if the column does not look quantised."""
 
     def __init__(self) -> None:
         self._steps: dict[str, float] = {}
 
     def add(self, name: str, values: Floats) -> None:
-        """Look for a smaller step in `values`, a part of the column `name`."""
         step = step_of(values)
         if step > 0.0:
             self._steps[name] = min(step, self._steps.get(name, step))
 
     def __getitem__(self, name: str) -> float:
-        """Quantisation step of a column, SI; 0 if no step was found."""
         return self._steps.get(name, 0.0)
 
 
@@ -202,14 +184,11 @@ HALF_WINDOW = 4  #: rows on either side; a row is compared with the median of th
 
 NOISE_ROWS = 64  #: rows before and after a row from which the noise near it is estimated
 
-# An outlier exceeds three limits, each in standard deviations of a noise.
-# - Local limit, by the spread in the window of nine rows: it keeps rows on slopes and at corners. As nine values
-#   estimate a spread poorly, one row in 200 of normal noise exceeds this limit.
+# An outlier exceeds three limits, each in standard deviations of the noise.
+# - Local limit, by the spread in the window of nine rows: it keeps rows on slopes and at corners.
 # - Overall limit, by the noise of the log's first rows, usually free rolling. Under brake the noise is higher.
-# - Beside limit, by the noise on the noisier side of the row, because braking may begin at the row. The median S of 64
-#   absolute normal deviates has P(S < x) = P(Bin(64, 2 Phi(x) - 1) > 32). A deviate exceeds 8 * 1.4826 times the larger
-#   S of two sides with probability 1e-11, and the S of a single side with 1e-8 (at the end of a noisier stretch). In
-#   10 million rows of three columns no false outlier is expected.
+# - Beside limit, by the noise on the noisier side of the row, because braking may begin at the row. Normal noise
+#   exceeds this limit with a probability of 1e-11 per row, or 1e-8 at the end of a noisier stretch.
 _LOCAL_LIMIT = 6.0
 _OVERALL_LIMIT = 8.0
 _BESIDE_LIMIT = 8.0
@@ -224,14 +203,14 @@ _FLOOR = {"train_speed": 0.1, "wheel_speed": 0.1, "wheel_angular_speed": 0.2, "b
 # encoder count more or less explains two steps.
 _LEAST_STEPS = 3.5
 
-PIECE = 4096  #: rows judged together; the overall noise of the log is estimated from the first piece
+PIECE = 4096  #: rows judged together; the first of these groups gives the overall noise of the log
 
 
 class OutlierFilter(RowFilter):
-    """Hampel filter: drops rows in which a speed or the torque is too far from the median of the rows around it.
+    """Hampel filter: drops rows in which a speed or the torque is far from the median of the rows around them.
 
-    What is too far depends on the noise and on the quantisation. `first_line` is the line number of the first dropped
-    row, None if no row was dropped; `resolution` has the quantisation steps of the columns.
+    The limit depends on noise and quantisation. `first_line` is the line number of the first dropped row; None if no
+    row is dropped.
     """
 
     ahead = behind = _REACH
@@ -276,14 +255,12 @@ class OutlierFilter(RowFilter):
 
 
 def _local_spread(values: Floats, at: NDArray[np.intp]) -> Floats:
-    """For each index in `at`: median absolute deviation of the `values` in the window around this index."""
     padded = np.pad(values, HALF_WINDOW, mode="symmetric")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * HALF_WINDOW + 1)[at]
     return np.median(np.abs(windows - np.median(windows, axis=1, keepdims=True)), axis=1)
 
 
 def _spread_beside(deviation: Floats, at: NDArray[np.intp]) -> Floats:
-    """For each index in `at`: median `deviation` of the rows before or after this index, whichever is larger."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(deviation, NOISE_ROWS, mode="symmetric"), NOISE_ROWS)
     return np.maximum(np.median(windows[at], axis=1), np.median(windows[at + NOISE_ROWS + 1], axis=1))
 
@@ -296,7 +273,7 @@ _WHEEL = ("wheel_angular_speed", "wheel_speed")  # in order of priority: the fir
 
 
 def corrections_note(delays: Mapping[str, float], zeros: Mapping[str, float]) -> tuple[str, ...]:
-    """One sentence that lists the corrections given as options; empty if none was given."""
+    """Sentence that lists the corrections given as options; empty if none is given."""
     given = [f"`delays` {name}={delay:g}" for name, delay in delays.items()]
     given += [f"`zeros` {name}={zero:g}" for name, zero in zeros.items()]
     return (f"the rows are corrected by {', '.join(given)}",) if given else ()
@@ -322,13 +299,11 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
 
 
 class Alignment:
-    """Subtracts sensor offsets and removes the delay differences between the columns of a log.
+    """Subtracts sensor offsets and compensates the differences between the delays of the columns of a log.
 
-    Examples of delays: an encoder's speed is the mean over an interval and therefore half an interval late; a filter
-    delays the torque. Only the differences between delays are removed. The wheel speed is not shifted, because
-    interpolation would change its noise, which a prediction-error fit needs. The other columns are smooth; they are
-    interpolated at shifted times. `delays` (s) and `zeros` (sensor offsets, SI) have the names of quantities as keys;
-    `name` is the log's name. InputError for a quantity that the log does not have.
+    `delays`, s, and `zeros` (sensor offsets, SI) have quantities as keys; `name` is the name of the log. The wheel
+    speed is not shifted in time, because interpolation would change its noise, which a prediction-error fit needs. The
+    other columns are shifted relative to the wheel speed. InputError if the log has no column for a quantity.
     """
 
     def __init__(self, delays: Mapping[str, float], zeros: Mapping[str, float], name: str) -> None:
@@ -337,7 +312,6 @@ class Alignment:
         self._yielded = 0  # number of buffered rows that were yielded
 
     def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
-        """Yield the corrected rows; no row is dropped."""
         if not (self._delays or self._zeros):
             yield from blocks
             return
@@ -358,13 +332,11 @@ class Alignment:
             yield self._corrected(self._buffer, len(self._buffer))
 
     def _shifts(self, rows: Rows) -> dict[str, float]:
-        """Delay of each column relative to the wheel's speed, s."""
         wheel = next(name for name in _WHEEL if name in rows.columns)
         late = self._delays.get(wheel, 0.0)
         return {n: self._delays.get(n, 0.0) - late for n in rows.columns if n not in ("time", *_WHEEL)}
 
     def _corrected(self, buffer: Rows, stop: int) -> Rows:
-        """Return the corrected rows up to `stop` that were not returned before; keep the rows still needed."""
         stop = max(stop, self._yielded)
         time, shifts = buffer.columns["time"], self._shifts(buffer)
         out = buffer.part(self._yielded, stop)

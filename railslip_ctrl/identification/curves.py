@@ -1,14 +1,9 @@
 """Compute the adhesion curve of a log and collect the faults of the log; no model is fitted here.
 
-Samples are not stored, so memory is bounded. They are added up over cells (a range of slip, at most 0.005 wide, and a
-range of train speed), over bins (a wider range of slip, for display) and over stretches of time. These sums are enough
-for a least-squares fit to all samples. For each cell the sums give the number of samples, the mean and scatter of mu,
-and moments of the slip. A two-point Gauss rule with these moments computes the mean of a model's mu over the cell; the
-rule is exact if mu is a cubic polynomial of slip.
-
-The noise of neighbouring samples is correlated. The long-run variance of the noise (n times the variance of the mean of
-n samples, for large n) is therefore computed from sums over stretches of time. If there are too many stretches, or too
-many pairs of stretch and cell, every two neighbouring stretches are merged.
+Samples of mu are not stored. Their sums in cells of slip and train speed are enough for a least-squares fit to all
+samples. A two-point Gauss rule gives the mean of a model's mu over a cell; it is exact if mu is a cubic polynomial of
+slip. Sums over stretches of time give the long-run variance of the noise, which is n times the variance of the mean of
+n samples for large n; the noise of neighbouring samples is correlated.
 """
 
 from __future__ import annotations
@@ -37,15 +32,14 @@ from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, BrakedR
 class Options:
     """Options of an identification, as in `railslip identify --help`.
 
-    - model: a model's name, or "best": the formula with the lowest BIC that fits, or the table if no formula fits.
+    - model: name of a model, or "best": the formula with the lowest BIC that fits, or the table if no formula fits.
     - rail: rail condition of the log.
     - initial_speed: v0, m/s; None: the highest train speed of the log.
     - slip_acceleration: R of the slip ramps, m/s^2; None: measured in the log, or 2.93 for the model "curve".
     - time_constant: tau of the `observer`, s; None: 0.05, or five intervals between rows if that is more.
-    - columns, units: header cell and unit of a quantity's column. The keys of both are names of quantities.
-    - delays, zeros: delay, s, and sensor offset, SI, of a quantity's column. The keys of both are names of quantities.
-    - fixed: values of parameters that are not fitted, SI, by name of the parameter.
-    - bounds: lower and upper bound of parameters, SI, by name of the parameter.
+    - columns, units: header cell and unit of columns, by quantity.
+    - delays, zeros: delay, s, and sensor offset, SI, of columns, by quantity.
+    - fixed, bounds: values of parameters that are not fitted, and lower and upper bounds, SI, by parameter.
     - skip_lines: number of lines to skip before the header.
     - block_bytes: number of bytes of a log that are read at a time.
     """
@@ -68,7 +62,6 @@ class Options:
 
 # --- sums over the samples -----------------------------------------------------------------------------------------
 
-
 SLIP_CELLS = 400  #: cells over slip ratios 0 to 1, equally wide in the slip's square root, hence narrow at low slip
 
 SPEED_CELL = 10.0 * KMH  #: width of a cell in train speed, m/s
@@ -79,61 +72,47 @@ STRETCH = 5.0  #: length of the shortest stretches, in time constants of the obs
 _MOST_STRETCHES = 8192  # if there are more, neighbouring stretches are added in pairs
 _MOST_ENTRIES = 1 << 18  # (stretch, cell) pairs, 6 MB; leaves some hundred stretches if a log fills many cells
 
-BINS = 50
-"""Number of bins over slip ratios 0 to 1, for display, as in [Park2008] Fig. 13. Fits use the finer cells."""
+BINS = 50  #: number of bins over slip ratios 0 to 1, for display, as in [Park2008] Fig. 13
 
 
 @dataclass(frozen=True)
 class Bins:
-    """Statistics of mu in each bin of slip ratio that has samples, as in [Park2008] Fig. 13; arrays of one length.
+    """Statistics of mu in each bin of slip ratio that has samples, as in [Park2008] Fig. 13; arrays of one length."""
 
-    A bin reaches from the slip ratio `low` to `high`; `slip` is its mean slip ratio and `count` its number of samples.
-    `mean`, `deviation` (standard deviation), `least` and `most` (smallest and largest value) are those of mu.
-    """
-
-    low: Floats
-    high: Floats
-    slip: Floats
-    count: Integers
-    mean: Floats
-    deviation: Floats
-    least: Floats
-    most: Floats
+    low: Floats  # lower limit of the bin, slip ratio
+    high: Floats  # upper limit of the bin, slip ratio
+    slip: Floats  # mean slip ratio
+    count: Integers  # number of samples
+    mean: Floats  # mean mu
+    deviation: Floats  # standard deviation of mu
+    least: Floats  # smallest mu
+    most: Floats  # largest mu
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Number of samples, and means of slip, speed, load and mu, in each cell that has samples; SI.
+    """Number of samples, and means of slip, speed, load and mu, in each cell that has samples; SI, arrays."""
 
-    The arrays have one value for each cell. `squares` is the sum of the squared deviations of mu from its mean in the
-    cell. `nodes` (slip ratio), `node_speeds` and `weights`, (2, cells), are the Gauss rule for the mean of a function
-    over a cell.
-    """
-
-    count: Floats
+    count: Floats  # number of samples
     slip: Floats
     speed: Floats
     load: Floats
     mu: Floats
-    squares: Floats
-    nodes: Floats
-    node_speeds: Floats
-    weights: Floats
+    squares: Floats  # sum of the squared deviations of mu from its mean in the cell
+    nodes: Floats  # slip ratios of a two-point Gauss rule for means over the cell, (2, cells)
+    node_speeds: Floats  # m/s, (2, cells)
+    weights: Floats  # weights of the rule, (2, cells)
 
 
 @dataclass(frozen=True)
 class Stretches:
-    """Number of samples, and sum of mu (`total`), in each stretch of time and each cell.
+    """Sums of samples for each pair of stretch of time and cell that has samples; arrays of one length."""
 
-    All stretches have the `length`, s. `stretch` is the number of the stretch, `cell` the index of the cell in `Cells`.
-    The arrays have one value for each pair of stretch and cell that has samples.
-    """
-
-    length: float
-    stretch: Integers
-    cell: Integers
-    count: Floats
-    total: Floats
+    length: float  # of every stretch, s
+    stretch: Integers  # number of the stretch
+    cell: Integers  # index of the cell in `Cells`
+    count: Floats  # number of samples
+    total: Floats  # sum of mu
 
 
 _FINE = 1_000_000  # slip steps of `slip_counts`
@@ -141,10 +120,9 @@ _SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", 
 
 
 class Accumulator:
-    """Adds up samples that arrive in blocks; the sums do not depend on the block size.
+    """Adds up samples of mu, given block by block; `time_constant` is that of the observer, s.
 
-    `time_constant` is the time constant of the observer, s. `slip_counts` has the number of samples in each step of
-    1e-6 in slip ratio, so that the samples below any slip can be counted.
+    `slip_counts` has the number of samples in each step of 1e-6 in slip ratio.
     """
 
     def __init__(self, time_constant: float) -> None:
@@ -159,7 +137,6 @@ class Accumulator:
         self._origin: float | None = None
 
     def add(self, samples: Observed) -> None:
-        """Add a block of samples."""
         if not len(samples):
             return
         if self._origin is None:
@@ -195,7 +172,6 @@ class Accumulator:
             self._keys, self._entries = _summed(stretch // 2 * _CELLS + cell, self._entries)
 
     def bins(self) -> Bins:
-        """Return the statistics by bin of the samples added until now."""
         full = self._bins[0] > 0
         count, slip, total, squares = self._bins[:, full]
         edges = np.arange(BINS + 1) / BINS
@@ -213,7 +189,6 @@ class Accumulator:
         )
 
     def cells(self) -> Cells:
-        """Return the sums by cell of slip and speed of the samples added until now."""
         s = dict(zip(_SUMS, self._sums[:, self._sums[0] > 0], strict=True))
         n = s["count"]
         mean = {name: s[name] / n for name in _SUMS[1:]}
@@ -234,7 +209,6 @@ class Accumulator:
         )
 
     def stretches(self) -> Stretches:
-        """Return the sums by stretch of time and cell of the samples added until now."""
         index = np.cumsum(self._sums[0] > 0) - 1  # index of a cell among the cells with samples
         count, total = self._entries
         return Stretches(
@@ -248,25 +222,23 @@ class Accumulator:
 
 _CELLS = SLIP_CELLS * _SPEED_CELLS
 
-# Variance of the slip below which it counts as 0: rounding of the moments, for slip ratios up to 1.
+# Largest variance of the slip that can be due to rounding of its moments, for slip ratios up to 1.
 _NO_SPREAD = 1e-13
 
 
 def _summed(keys: Integers, values: Floats) -> tuple[Integers, Floats]:
-    """Return the distinct keys in ascending order, and for each key the sum of its values in each row of `values`."""
+    """Return the distinct `keys` in ascending order, and for each key the sum of each row of `values`."""
     distinct, index = np.unique(keys, return_inverse=True)
     return distinct, np.stack([np.bincount(index, row, minlength=len(distinct)) for row in values])
 
 
 def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
-    """Nodes and weights, (2, n) each, of the two-point Gauss rule for n distributions with moments m1, m2 and m3.
-
-    With the variance V and the third central moment T of a distribution, the distances x of the two nodes from its mean
-    are the solutions of x^2 - (T/V) x - V = 0.
-    """
+    """Nodes and weights, (2, n), of two-point Gauss rules for n distributions with moments m1, m2 and m3."""
     variance = np.maximum(m2 - m1**2, 0.0)
     spread = variance > _NO_SPREAD
     third = m3 - 3.0 * m1 * m2 + 2.0 * m1**3
+    # with the variance V and the third central moment T, the nodes are at distances x from the mean, where
+    # x^2 - (T/V) x - V = 0
     skew = np.divide(third, 2.0 * variance, out=np.zeros_like(m1), where=spread)
     # keeps a node from slips below 0, to which rounding and noise of the moments could move it
     skew = np.clip(skew, -np.sqrt(variance), np.sqrt(variance))
@@ -295,65 +267,49 @@ def peak_slip(cells: Cells) -> float:
 
 # --- the curve -----------------------------------------------------------------------------------------------------
 
-
 _LEAST_SAMPLES = 20  # a log with fewer samples under brake is refused
 
 
 @dataclass(frozen=True)
 class AdhesionCurve:
-    """Adhesion data of a log, to which models can be fitted.
+    """Adhesion data of a log, to which models can be fitted."""
 
-    - name: file name of the log.
-    - time_constant: tau of the observer, s.
-    - record, record_stride: unfiltered rows for prediction-error fits, from one run in every `record_stride` runs.
-    - peak_slip: slip ratio of the highest measured mu, from which fits start; noise shifts it if the curve is flat.
-    - wheel_column: name of the quantity from which the wheel's speed was read.
-    - deceleration_ratio: measured deceleration of the train, divided by the deceleration expected from the wheel's
-      adhesion and the resistance; NaN if not known.
-    - rolling: slip and torque while the wheel rolls without brake; None if it never does.
-    - steps: quantisation steps of the columns.
-    - factors: SI value of the unit in which each quantity is read, by quantity.
-    - findings, notes: faults of the log, and assumptions made when reading it.
-    """
-
-    name: str
+    name: str  # file name of the log
     survey: Survey
-    time_constant: float
+    time_constant: float  # tau of the observer, s
     bins: Bins
     cells: Cells
     stretches: Stretches
     slip_counts: Integers
-    record: BrakedRows
-    record_stride: int
-    peak_slip: float
-    wheel_column: str
-    deceleration_ratio: float
-    rolling: log_checks.Rolling | None
-    steps: tuple[log_checks.ColumnStep, ...]
-    factors: Mapping[str, float]
+    record: BrakedRows  # unfiltered rows for prediction-error fits
+    record_stride: int  # the record has one run in every `record_stride` runs of the log
+    peak_slip: float  # slip ratio of the highest measured mu
+    wheel_column: str  # quantity from which the wheel speed was read
+    deceleration_ratio: float  # see `log_checks.deceleration_ratio`
+    rolling: log_checks.Rolling | None  # None if the wheel never rolls without brake
+    steps: tuple[log_checks.ColumnStep, ...]  # quantisation steps of the columns
+    factors: Mapping[str, float]  # SI value of the unit in which each quantity is read
     broken_lines: int
     outliers: int
-    findings: tuple[log_checks.Finding, ...]
-    notes: tuple[str, ...]
+    findings: tuple[log_checks.Finding, ...]  # faults of the log
+    notes: tuple[str, ...]  # assumptions made when the log is read
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Messages of the findings; each begins with the log's name."""
         return tuple(f"{self.name}: {finding.text}" for finding in self.findings)
 
     def split_counts(self, slip: float) -> tuple[int, int]:
-        """Number of samples below a slip ratio, and number at or above it."""
+        """Number of samples below the slip ratio `slip`, and number of samples at or above it."""
         below = int(self.slip_counts[: round(slip * _FINE)].sum())
         return below, int(self.slip_counts.sum()) - below
 
     @property
     def highest_mu(self) -> float:
-        """Highest of the mean mu of all bins."""
         return float(self.bins.mean.max())
 
     @property
     def followed_note(self) -> str:
-        """Note on how many rows prediction-error fits use; empty if these fits use every row under brake."""
+        """Note on the number of rows that prediction-error fits use; empty if they use all rows."""
         if self.record_stride == 1:
             return ""
         return message("rows followed", rows=len(self.record), most=MOST_ROWS, stride=self.record_stride)
@@ -370,7 +326,7 @@ def read_curve(
     """Compute the adhesion curve of a log file; memory does not grow with the length of the file.
 
     `progress` is called with the share of the file that has been read, 0 to 1, and `observed` with each block of
-    samples. A log that cannot be used raises InputError with a message of one line.
+    samples. InputError for a log that cannot be used.
     """
     o = options
     log = Log(path, columns=o.columns, units=o.units, skip_lines=o.skip_lines, block_bytes=o.block_bytes)
@@ -394,13 +350,11 @@ def read_curve(
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> AdhesionCurve:
-    """Compute the adhesion curve of rows in memory; their time must increase. InputError as for `read_curve`."""
+    """Compute the adhesion curve of rows in memory, ordered by time; InputError for rows that cannot be used."""
     return _LogData(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
 
 
 class _LogData:
-    """Reads all rows of a log and collects sums, checks and unfiltered rows; InputError for an unusable log."""
-
     def __init__(
         self,
         name: str,
@@ -451,7 +405,6 @@ class _LogData:
             raise InputError(f"{self._name}: {fault}")
 
     def _torque_hints(self) -> tuple[str, ...]:
-        """Advice if the highest torque is too low or too high for braking, with another unit if that is plausible."""
         pull = self._stream.survey.highest_pull
         hint = log_checks.unit_hint(pull, self._factors)
         if pull > log_checks.HIGHEST_MU:
@@ -465,7 +418,6 @@ class _LogData:
         return log_checks.Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
 
     def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> AdhesionCurve:
-        """Return the adhesion curve with all findings about the log."""
         assert self._sums is not None, "checked"
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
         peak, radius, record = peak_slip(cells), self._vehicle.wheel.radius, self._record
@@ -513,7 +465,6 @@ class _LogData:
         )
 
     def _dropped_rows(self, broken: Broken, stamps: StampFilter) -> Iterator[log_checks.Finding]:
-        """Yield the findings about unreadable lines, stray time stamps and outliers."""
         yield from (log_checks.Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):
             yield log_checks.Finding("lines", message("broken lines", broken=broken))

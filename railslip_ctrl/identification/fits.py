@@ -1,12 +1,6 @@
 """Fit models by least squares to the mean mu in cells of slip and speed; compute the parameters' uncertainty.
 
-Fits to the cells and prediction-error fits (`prediction`) share two functions:
-
-- `search` minimises the sum of squared residuals, with a regularisation that makes the result reproducible.
-- `estimate` computes the covariance and the intervals of the parameters. The covariance comes from the Jacobian and the
-  long-run variance of the residuals. If a log has several tests that differ by more than noise, the covariance comes
-  from the differences between the tests. If the symmetric interval of a parameter is not valid, the profile likelihood
-  gives the interval.
+`search` and `estimate` also serve prediction-error fits (`prediction`).
 """
 
 from __future__ import annotations
@@ -31,20 +25,12 @@ from .models import SLIDING_ALONE, Coordinates, FitModel, Setting
 
 # --- the search ----------------------------------------------------------------------------------------------------
 
-# Along a direction in which the residuals do not change, rounding would decide where a search ends, so the result would
-# depend on the processor. Tikhonov regularisation avoids this: each coordinate's scaled distance from a centre is added
-# to the residuals. Its weight is small compared with the noise, so that well-determined parameters hardly move.
-
+# Along a direction in which the residuals do not change, rounding would decide where a search ends. Tikhonov
+# regularisation avoids this: each coordinate's scaled distance from a centre is added to the residuals.
 
 Residuals = Callable[[Floats], Floats]
 
-REGULARISATION = 0.1
-"""Weight of the regularisation, in standard deviations of the noise.
-
-The regularisation acts like a normal prior on each search coordinate, with a standard deviation of ten times the size
-(usual magnitude) of the coordinate. An estimate with a standard error of one size, three sizes from the centre of the
-prior, is moved by 3 % of its standard error.
-"""
+REGULARISATION = 0.1  #: weight of the regularisation, in standard deviations of the noise
 
 _STEP = 1e-4  # difference step, in sizes of a coordinate: rounding and truncation errors are then both about 1e-8
 
@@ -61,10 +47,10 @@ def search(
 ) -> tuple[float, Floats]:
     """Minimise the sum of squared residuals within the bounds; return (least sum, coordinates of the minimum).
 
-    The search begins at the coordinates `begin`. `residuals` is a function of the parameter values. `weight` is the
-    weight of the regularisation, in the unit of the residuals. The regularisation pulls the coordinates towards
-    `centre`, by default `begin`; the returned sum does not include it. The search ends when the relative change of the
-    sum is below `tolerance`, or after `most` evaluations.
+    `residuals` is a function of the parameter values. The search begins at the coordinates `begin` and ends when the
+    relative change of the sum is below `tolerance`, or after `most` evaluations. A regularisation pulls the coordinates
+    towards `centre`, by default `begin`, with a `weight` in the unit of the residuals. The returned sum does not
+    include it.
     """
     from scipy.optimize import least_squares
 
@@ -114,11 +100,9 @@ def differences(
 
 # --- clustered covariance ------------------------------------------------------------------------------------------
 
-# Rail, weather and temperature shift all rows of a test alike. A single long-run variance would attribute the whole
-# shift to every parameter and make all intervals too wide. If the tests disagree, the covariance is therefore that of
-# the delete-one-test jackknife (CV3 of [MacKinnon2023]), with Student's distribution of (tests - 1) degrees of freedom.
-# The jackknife is valid for any correlation within a test.
-
+# Rail, weather and temperature shift all rows of a test alike. If the tests disagree, the covariance is therefore that
+# of the delete-one-test jackknife (CV3 of [MacKinnon2023]), with Student's distribution of (tests - 1) degrees of
+# freedom. The jackknife is valid for any correlation within a test.
 
 LEAST_TESTS = 5  #: tests needed for the jackknife; with fewer, Student's quantile is too large to be useful
 
@@ -129,11 +113,10 @@ _LEAST_INFORMATION = 1e-8  # share of the information below which a test does no
 
 
 def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
-    """For each interval between rows: number of its test, from 0; arrays of one length.
+    """Return the number of the test, from 0, to which each interval between rows belongs; arrays of one length.
 
-    An interval ends at `time`, s, has the length `step`, s, and belongs to the run with the number `run`. Two runs
-    belong to one test if the pause between them is shorter than half the longest run, for example after a short release
-    of the brake.
+    An interval ends at `time`, s, has the length `step`, s, and belongs to the run with the number `run`. A pause
+    shorter than half the longest run, for example after a short release of the brake, does not begin a new test.
     """
     first = np.flatnonzero(np.diff(run, prepend=-1))
     if not len(first):
@@ -145,11 +128,11 @@ def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
 
 
 def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> tuple[Floats, int] | None:
-    """Covariance of p parameters, (p, p), by a jackknife that leaves out one test at a time, and degrees of freedom.
+    """Covariance of p parameters, (p, p), by a jackknife over the tests, and degrees of freedom.
 
-    Each of the `residuals` at the least-squares solution has variance 1. `slopes` is their Jacobian (residuals,
-    parameters), of full rank. `test` is, for each residual, the number of its test, from 0. Returns None if the tests
-    agree, if there are too few tests, or if one test has nearly all information on some combination of parameters.
+    The `residuals` at the least-squares solution have variance 1. `slopes` is their Jacobian, (residuals, p), of full
+    rank. `test` is the number, from 0, of the test of each residual. Returns None if the tests agree, if there are too
+    few tests, or if a single test has nearly all information on some combination of parameters.
     """
     tests, size = int(test.max(initial=-1)) + 1, slopes.shape[1]
     if tests < max(LEAST_TESTS, size + 2):
@@ -166,7 +149,7 @@ def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> t
 
 
 def _disagree(known: Floats, gradient: Floats) -> bool:
-    """True if separate fits to each test lower the sum of squares by more than the noise within tests explains."""
+    """True if separate fits to the tests lower the sum of squares by more than noise within tests explains."""
     from scipy.stats import chi2
 
     information, directions = np.linalg.eigh(known)
@@ -182,7 +165,6 @@ def _disagree(known: Floats, gradient: Floats) -> bool:
 # An interval ends where the profiled sum of squares has risen by the amount that gives the symmetric interval if the
 # model is nearly linear in the parameter: the vertical adjustment of [ChandlerBate2007].
 
-
 _REACH = 2.6  # first trial distance from the best value, in standard errors; 1 size of the parameter if that is less
 _TRIAL_FACTOR = 1.6  # factor on the distance from trial to trial
 _TRIALS = 12  # most trials; they reach 280 sizes, beyond which the searches are not reliable
@@ -197,11 +179,11 @@ _TOLERATED = 0.125  # accepted relative error of a symmetric interval's half wid
 def is_symmetric(
     residuals: Residuals, coordinates: Coordinates, x: Floats, end: Floats, index: int, half: float, rise: float
 ) -> bool:
-    """True if the symmetric interval of the parameter `index` is valid, which is checked at both of its ends.
+    """True if the symmetric interval of the parameter `index` is valid, which is checked at both ends.
 
-    From the best coordinates `x`, the ends are at x - `end` and x + `end`; the shift `end` changes all coordinates
-    according to their covariance. At each end the parameter must have changed by `half` and the sum of squares must
-    have risen by `rise`, within tolerances, and no coordinate may have reached its bound.
+    The ends are at x - `end` and x + `end`, where x are the best coordinates. At each end the parameter must have
+    changed by `half` and the sum of squares must have risen by `rise`, within tolerances, and no coordinate may have
+    reached its bound.
     """
     value = float(coordinates.values(x)[index])
     least = float(np.sum(residuals(coordinates.values(x)) ** 2))
@@ -227,13 +209,12 @@ def profile_interval(
     rise: float,
     beside: float = 0.0,
 ) -> tuple[float, float]:
-    """Profile-likelihood interval of the parameter `index`: at its ends the least sum of squares has risen by `rise`.
+    """Profile-likelihood interval of the parameter `index`: at its ends the sum of squares has risen by `rise`.
 
-    For each value of this parameter all other parameters are fitted again. If the sum does not rise by `rise`, the
-    interval ends at the bound of the parameter. `values` are the best values of all parameters. The standard error
-    `stderr` of the parameter gives the first trial for an end. `beside` is the half width due to an independent error
-    that the residuals do not show; it is added in quadrature. The interval is not narrower than the interval with the
-    other parameters fixed, because a search may stop above the true least sum of squares.
+    For each value of this parameter all other parameters are fitted again. The interval ends at the bound of the
+    parameter if the sum does not rise by `rise` before. `values` are the best values of all parameters. The standard
+    error `stderr` of the parameter gives the first trial. `beside` is the half width due to an independent error; it is
+    added in quadrature.
     """
     inverse, value = coordinates.by_inverse(index), float(values[index])
     best, unit = coordinates.represented(index, value), value**-2 if inverse else 1.0
@@ -264,7 +245,7 @@ class _Profile:
         self._excesses, self._solutions = {self._best: -rise}, {self._best: coordinates.at(values)}
 
     def unprofiled(self, stderr: float) -> float:
-        """Half width of the interval if all other parameters stay fixed; 0 if the sum of squares does not rise."""
+        """Half width of the interval if all other parameters stay fixed; 0 if the sum does not rise."""
         value, step = float(self._values[self._index]), np.zeros_like(self._values)
         step[self._index] = _SLOPE_STEP * min(stderr, abs(value) or stderr)
         here = self._residuals(self._values)
@@ -275,7 +256,6 @@ class _Profile:
         return self._rise / (gradient + math.sqrt(gradient**2 + steepness * self._rise))
 
     def end(self, side: float, bound: float, stderr: float) -> float:
-        """Lower end (`side` -1) or upper end (`side` 1) of the interval, `bound` if the sum does not rise enough."""
         from scipy.optimize import brentq
 
         best = inside = self._best
@@ -290,7 +270,6 @@ class _Profile:
         return bound
 
     def _excess(self, x: float) -> float:
-        """Least sum of squares with the parameter at `x`, minus the sum that defines an end of the interval."""
         excesses, coordinates = self._excesses, self._coordinates
         if x in excesses:  # a repeated search could end a little lower and change the sign
             return excesses[x]
@@ -304,7 +283,6 @@ class _Profile:
         return excesses[x]
 
     def _guess_at(self, x: float) -> Floats:
-        """Starting coordinates for the parameter at `x`, by linear interpolation or extrapolation of earlier fits."""
         profiled = sorted(self._solutions)
         if len(profiled) == 1:
             return self._solutions[profiled[0]]
@@ -314,7 +292,6 @@ class _Profile:
         return (1.0 - share) * self._solutions[low] + share * self._solutions[high]
 
     def _minimised(self, start: Floats, value: float) -> tuple[float, Floats]:
-        """Least sum of squares with the parameter fixed at `value`, and all parameters' values at this minimum."""
         at = self._coordinates.moved(start, self._index, value)
         others = np.arange(len(at)) != self._index
         if not others.any():
@@ -335,26 +312,22 @@ class _Profile:
 
 # --- estimates and their uncertainty -------------------------------------------------------------------------------
 
-
 CONFIDENCE = 0.99  #: confidence level of the parameters' intervals
 
 NORMAL_QUANTILE = 2.5758293035489004  #: half width of a normal 99 % interval in standard errors
 
+# Singular value of the scaled Jacobian, relative to the largest one, below which a direction is not identifiable.
+# Rounding errors cause relative singular values of about 1e-10.
 SINGULAR = 1e-6
-"""Singular value of the scaled Jacobian, relative to the largest one, below which a direction is not identifiable.
-
-Along such a direction the result comes from the regularisation. Rounding errors of 1e-16 in differences with steps of
-1e-5 cause relative singular values of about 1e-10.
-"""
 
 _DIFFERENCE = 1e-5  # difference step, in sizes of a coordinate
 _AT_BOUND = 1e-6  # in sizes of a coordinate: a search may end this far inside a bound
-_NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound counts as resting on it
+_NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound is assumed to be on it
 _LARGEST_DISTANCE = 0.05  # of the typical value: limit of the distance `_NEAR_BOUND`, as a standard error may be huge
 
 
 class Problem(Protocol):
-    """Least-squares problem: the residuals as a function of the parameter values, and the search coordinates."""
+    """Least-squares problem: residuals as a function of the parameter values, and search coordinates."""
 
     coordinates: Coordinates
 
@@ -363,26 +336,15 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """Estimates of p free parameters with their uncertainty; the arrays have one entry for each parameter.
-
-    - covariance: (p, p). The square roots of the diagonal are the standard errors, defined as `Parameter.stderr`. NaN
-      for parameters that are not identifiable. A parameter that rests on a bound also has a covariance, because it is
-      not known exactly.
-    - coordinate_covariance: covariance of the search coordinates. In these coordinates the model is nearly linear over
-      some standard errors.
-    - active: bound on which the parameter rests: -1 lower, 1 upper, 0 none.
-    - unidentified: true if the parameter is not identifiable.
-    - limits: profile-likelihood intervals, by index of the parameter, of the parameters whose symmetric interval is not
-      valid.
-    """
+    """Estimates of p free parameters with their uncertainty; arrays with an entry for each parameter."""
 
     values: Floats
-    covariance: Floats
+    covariance: Floats  # (p, p); NaN for parameters that are not identifiable
     coordinates: Coordinates
-    coordinate_covariance: Floats
-    active: NDArray[np.int_]
-    unidentified: Flags
-    limits: Mapping[int, tuple[float, float]]
+    coordinate_covariance: Floats  # in the search coordinates, in which the model is nearly linear
+    active: NDArray[np.int_]  # bound on which the parameter rests: -1 lower, 1 upper, 0 none
+    unidentified: Flags  # true if the parameter is not identifiable
+    limits: Mapping[int, tuple[float, float]]  # profile-likelihood intervals, by index
 
 
 def estimate(
@@ -401,9 +363,8 @@ def estimate(
     - slopes: Jacobian of the residuals at x.
     - variance, freedom: long-run variance of the residuals, and its degrees of freedom.
     - tests: number of the test to which each residual belongs; the residuals must then have variance 1. If the tests
-      disagree and the model is nearly linear within the intervals, the covariance comes from the differences between
-      the tests.
-    - shifts: errors of the coordinates due to the numerical method. Each error counts as a standard error.
+      disagree and the model is nearly linear, the covariance comes from the differences between the tests.
+    - shifts: errors of the coordinates due to the numerical method, added to their standard errors in quadrature.
     - profiles: if false, every interval is symmetric.
     """
     coordinates = problem.coordinates
@@ -440,18 +401,12 @@ def estimate(
 
 
 def _student_ratio(freedom: int) -> float:
-    """Ratio of Student's quantile, with `freedom` degrees of freedom, to the normal quantile, for 99 % intervals."""
     from scipy.stats import t as student
 
     return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
 
 
 def _transformed(own: Floats, jacobian: Floats, unknown: Flags, free: Flags) -> Floats:
-    """Covariance of the parameter values, from the covariance `own` of the coordinates.
-
-    `jacobian` has the derivatives of the values with respect to the coordinates. `unknown` marks the values that are
-    not identifiable, whose covariance is NaN; `free` marks the identifiable coordinates.
-    """
     result: Floats = jacobian[:, free] @ own[np.ix_(free, free)] @ jacobian[:, free].T
     result[unknown] = np.nan
     result[:, unknown] = np.nan
@@ -463,8 +418,8 @@ def _profiles(
 ) -> dict[int, tuple[float, float]]:
     """Profile-likelihood intervals, by index, of the parameters whose symmetric interval is not valid.
 
-    `unit` is the covariance of the coordinates if the residuals have variance 1, `own` their estimated covariance.
-    `beside` is, for each parameter, the half width due to errors of the numerical method.
+    `unit` is the covariance of the coordinates for residuals of variance 1, `own` their estimated covariance. `beside`
+    is, for each parameter, the half width due to errors of the numerical method.
     """
     coordinates, residuals, intervals = problem.coordinates, problem.residuals, {}
     own, unit = np.nan_to_num(own), np.nan_to_num(unit)
@@ -481,7 +436,6 @@ def _profiles(
 
 
 def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArray[np.int_]:
-    """For each coordinate, the bound on which it rests: -1 lower, 1 upper, 0 none."""
     near = np.nan_to_num(_NEAR_BOUND * np.sqrt(np.diag(covariance)))
     next_to = _LARGEST_DISTANCE * np.abs(coordinates.at(coordinates.typical))
     distance = np.maximum(_AT_BOUND * coordinates.sizes(x), np.minimum(near, next_to))
@@ -489,7 +443,6 @@ def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArr
 
 
 def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np.int_]:
-    """Convert `active`, the bounds on which coordinates rest, to the bounds on which parameter values rest."""
     result = active.copy()
     if coordinates.pair is not None:
         b, g = coordinates.pair
@@ -506,9 +459,9 @@ def slopes_of(problem: Problem, x: Floats) -> Floats:
 
 
 def unidentified(scaled: Floats) -> Flags:
-    """True for each coordinate that can change, alone or together with others, without a change of the residuals.
+    """True for each coordinate that can change, alone or with others, without a change of the residuals.
 
-    `scaled` is the Jacobian of the residuals with respect to the coordinates, each divided by its size.
+    `scaled` is the Jacobian of the residuals for coordinates divided by their sizes.
     """
     if not scaled.size:
         return np.zeros(scaled.shape[1], dtype=bool)
@@ -530,7 +483,6 @@ def covariance_of(slopes: Floats, free: Flags) -> Floats:
 
 # --- fits to the cells ---------------------------------------------------------------------------------------------
 
-
 _LEAST_FREEDOM = 5  # with fewer degrees of freedom the variance from longer stretches is too uncertain to be used
 
 _CONVERGED = 1e-14  # relative tolerance of the sum of squares
@@ -543,25 +495,16 @@ _INSIDE = 1e-6  # distance from the bounds at which a search begins, in sizes of
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fitted parameter with its uncertainty, SI.
-
-    - stderr: half width of the symmetric 99 % interval, divided by 2.576. It includes the uncertainty of the noise
-      level. NaN if the parameter is not identifiable or rests on a bound.
-    - status: "fitted", "at lower bound", "at upper bound" or "not identifiable".
-    - limits: ends of the 99 % interval if it is not symmetric about the value, else None. Near a bound, or if the data
-      hardly determine the parameter, the interval comes from the profile likelihood and may be unbounded. In other
-      cases it is the symmetric interval, cut off at a bound.
-    """
+    """A fitted parameter with its uncertainty, SI."""
 
     name: str
     value: float
-    stderr: float
-    status: str
-    limits: tuple[float, float] | None = None
+    stderr: float  # half width of the symmetric 99 % interval over 2.576; NaN on a bound or if not identifiable
+    status: str  # "fitted", "at lower bound", "at upper bound" or "not identifiable"
+    limits: tuple[float, float] | None = None  # ends of the 99 % interval if it is not symmetric
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end of the 99 % interval."""
         if self.limits is not None:
             return self.limits
         half = NORMAL_QUANTILE * self.stderr
@@ -569,17 +512,16 @@ class Parameter:
 
     @property
     def is_open(self) -> bool:
-        """True if the interval has no upper end."""
         return self.status == "fitted" and math.isinf(self.interval[1])
 
     @property
     def is_unconstrained(self) -> bool:
-        """True if the data do not constrain the parameter; its value is then an artefact of the optimiser."""
+        """True if the log does not determine the parameter at all."""
         return self.is_open and self.interval[0] < _NEGLIGIBLE * self.value
 
     @property
     def remark(self) -> str:
-        """Text that says that the parameter is at a bound or its interval is unbounded; empty if neither is true."""
+        """Text if the parameter is at a bound or its interval has no upper end; else empty."""
         low, high = self.interval
         if self.is_unconstrained:
             return f"{self.name}: this log does not determine it"
@@ -594,52 +536,34 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model; `law` is the adhesion law with the fitted parameters.
-
-    - estimate: estimates of the parameters with their covariance.
-    - residual_squares: sum of the squared deviations of all samples of mu from the model.
-    - cell_coefficients: the model's mean adhesion coefficient mu in each cell of slip and speed (`Cells`).
-    - long_run_variance: long-run variance of the residuals, which is n times the variance of the mean of n samples, for
-      large n; NaN if it cannot be estimated.
-    - followed: slip ratio and mu that a dynamic model has along the motion in the log, (2, k); None for a static model.
-    - known_stderrs: standard deviations of parameters that were not fitted, by name.
-    - with_profiles: whether profile-likelihood intervals were computed where needed.
-    - deviance: -2 log likelihood of the wheel's motion; NaN without a prediction-error fit.
-    - inflation: long-run variance of the whitened prediction errors, and its degrees of freedom; (NaN, 0) without a
-      prediction-error fit.
-    - coarse: for a table with a prediction-error fit, mu at its knots from a second fit with every second knot;
-      else None.
-    """
+    """A fitted model. Fields that need a prediction-error fit are NaN or None without this fit."""
 
     model: FitModel
-    law: AdhesionLaw
+    law: AdhesionLaw  # with the fitted parameters
     parameters: tuple[Parameter, ...]
     estimate: ParameterEstimate
-    residual_squares: float
-    cell_coefficients: Floats
-    long_run_variance: float
+    residual_squares: float  # sum of the squared deviations of all samples of mu from the model
+    cell_coefficients: Floats  # mean mu of the model in each cell of slip and speed
+    long_run_variance: float  # of the residuals; NaN if it cannot be estimated
     degrees_of_freedom: int
     notes: tuple[str, ...]
-    followed: Floats | None = None
-    known_stderrs: Mapping[str, float] = field(default_factory=dict)
-    with_profiles: bool = True
-    deviance: float = math.nan
-    inflation: tuple[float, int] = (math.nan, 0)
-    coarse: Floats | None = None
+    followed: Floats | None = None  # slip ratio and mu of a dynamic model along the motion, (2, k)
+    known_stderrs: Mapping[str, float] = field(default_factory=dict)  # of parameters that were not fitted
+    with_profiles: bool = True  # true if profile-likelihood intervals were computed where needed
+    deviance: float = math.nan  # -2 log likelihood of the motion; NaN without a prediction-error fit
+    inflation: tuple[float, int] = (math.nan, 0)  # long-run variance of the whitened errors, degrees of freedom
+    coarse: Floats | None = None  # mu of a table at its knots, fitted with every second knot
 
     @property
     def values(self) -> Floats:
-        """Fitted values of the parameters."""
         return np.array([p.value for p in self.parameters])
 
     @property
     def covariance(self) -> Floats:
-        """Covariance matrix of the fitted values."""
         return self.estimate.covariance
 
     @property
     def correlation(self) -> Floats:
-        """Correlation matrix of the fitted values; NaN where `covariance` is NaN."""
         deviation = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(deviation, deviation))
 
@@ -656,9 +580,9 @@ def fit(
 ) -> Fit:
     """Fit a model to the cells: minimise the sum of (mu - mu of the model)^2 over all samples, within the bounds.
 
-    The models in `SLIDING_ALONE` are fitted only to cells with slip ratios of at least `sliding_from`, where sliding
-    begins. `tau` is the observer's time constant, s. Without `profiles` every interval is symmetric. InputError if
-    there are not more cells than parameters.
+    The models in `SLIDING_ALONE` are fitted only to cells with slip ratios of at least `sliding_from`. `tau` is the
+    observer's time constant, s. Without `profiles` every interval is symmetric. InputError if there are not more cells
+    than parameters.
     """
     used = cells.slip >= sliding_from if model.name in SLIDING_ALONE else np.ones(len(cells.slip), dtype=bool)
     if used.sum() <= len(model.names):
@@ -679,7 +603,7 @@ def fit_of(
     noise: tuple[float, int],
     followed: Floats | None = None,
 ) -> Fit:
-    """Build the `Fit` from the estimates `known`; `noise` is the long-run variance and its degrees of freedom."""
+    """Build a `Fit` from the estimates `known`; `noise`: long-run variance and its degrees of freedom."""
     mean, spread = in_cells(model, known.values, cells)
     if followed is not None:
         mean = np.interp(cells.slip, *followed)
@@ -712,28 +636,24 @@ def fit_of(
 
 
 def in_cells(model: FitModel, values: Floats, cells: Cells) -> tuple[Floats, Floats]:
-    """For each cell: mean of the model's mu over the cell, and variance of the model's mu within the cell."""
+    """Mean and variance of the model's mu within each cell."""
     mu = model.coefficient(values, cells.nodes, cells.node_speeds, cells.load)
     mean: Floats = np.sum(cells.weights * mu, axis=0)
     return mean, np.sum(cells.weights * (mu - mean) ** 2, axis=0)
 
 
 class _Problem:
-    """Least-squares problem of a fit to the cells that the mask `used` selects, and its solution."""
-
     def __init__(self, model: FitModel, cells: Cells, used: Flags) -> None:
         self.model, self.cells, self.used = model, cells, used
         self.coordinates = model.coordinates
         self.root = np.sqrt(cells.count[used])
 
     def residuals(self, values: Floats) -> Floats:
-        """For each cell used: mean mu of the model minus mean mu of the samples, times the root of their number."""
         c, at = self.cells, self.used
         mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], c.load[at])
         return np.asarray(self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at]))
 
     def solve(self) -> Floats:
-        """Search from several sets of starting values; return the best coordinates, the first of equal results."""
         coordinates, solutions = self.coordinates, []
         weight = SINGULAR * float(np.linalg.norm(self.root * self.cells.mu[self.used]))
         starts = [coordinates.at(start) for start in self.model.starts]
@@ -755,11 +675,10 @@ def long_run_variance(
 ) -> tuple[float, int]:
     """Long-run variance of the residuals (n times the variance of the mean of n samples), and its degrees of freedom.
 
-    It is computed from sums of the residuals over stretches of time. Short stretches do not show the scatter from run
-    to run. Several lengths of the stretches are therefore tried, and of those that leave enough degrees of freedom the
-    largest variance is returned. `mean` is the model's mean mu in each cell, `used` a mask of cells, `parameters` the
-    number of fitted parameters. The bias that the observer's filter causes in finite stretches is corrected. `tau`, s,
-    is the time constant of this filter, 0 for residuals without a filter.
+    Short stretches of time do not show the scatter from run to run. The variance is therefore computed for stretches of
+    several lengths; the largest one with enough degrees of freedom is returned. `mean` is the model's mean mu in each
+    cell, `used` a mask of cells, `parameters` the number of fitted parameters, `tau` the time constant of the observer,
+    s (0: no observer).
     """
     entry = used[stretches.cell]
     stretch, length = stretches.stretch[entry], stretches.length

@@ -1,7 +1,6 @@
 """Identify an adhesion law from one log or several; the result is an `Identification` or a `LogSeries`.
 
-The intervals of the parameters take most of the computing time, so they are computed only for the chosen model. A delay
-of the wheel's speed is estimated by fitting the motion again with this speed shifted in time.
+The intervals of the parameters take most of the computing time; they are computed only for the chosen model.
 """
 
 from __future__ import annotations
@@ -44,17 +43,11 @@ from .prediction import PredictionErrors, has_prediction_errors, prediction_erro
 
 # --- plausibility of a fit -------------------------------------------------------------------------------------------
 
-
-IMPOSSIBLE_MU = 1.0
-"""Fits with a highest adhesion coefficient above this value are refused.
-
-Handbooks give 0.6 to 0.8 for clean dry steel on steel in air; values above 1 occur only if bare metals seize, for
-example in vacuum.
-"""
+IMPOSSIBLE_MU = 1.0  #: largest adhesion coefficient of an accepted fit; clean dry steel on steel has 0.6 to 0.8 in air
 
 
 def highest_mu(fitted: Fit, setting: models.Setting) -> float:
-    """Highest adhesion coefficient that a fitted model has at the lowest or the highest of `DRIFT_SPEEDS`.
+    """Highest adhesion coefficient of a fitted model at the lowest and the highest of `DRIFT_SPEEDS`.
 
     InputError if the adhesion is not positive at any slip.
     """
@@ -107,7 +100,7 @@ _OPEN_BOUND = 1e-11  # a bound below this represents an open bound of 0
 
 # --- the delay of the wheel's speed ----------------------------------------------------------------------------------
 
-_EQUAL = 2.6  # in standard errors: two delays that differ by less count as equal (99 %)
+_EQUAL = 2.6  # in standard errors: two delays that differ by less are regarded as equal (99 %)
 _MOST_ROWS = 2000  # most rows used, in whole runs from the start; enough to resolve a delay of a tenth of an interval
 _LEAST_GAIN = 40.0  # least fall of the deviance over the errors' long-run variance; logs without a delay reached 26
 _GAIN_OF_TABLE = 6.6  # least fall of a table's deviance (chi-squared, 1 %); lower, as a table absorbs part of a delay
@@ -120,17 +113,17 @@ _CURVATURE_STEP = 0.25  # difference step for the curvature of the deviance, in 
 
 @dataclass(frozen=True)
 class Lag:
-    """Delay of the wheel's speed relative to the other columns, s (negative: too early), and its standard error, s."""
+    """Delay of the wheel speed relative to the other columns, s (negative: too early), and its standard error, s."""
 
     seconds: float
     stderr: float
 
 
 class Shifted:
-    """Fits a model again for trial delays of the wheel's speed, and returns the -2 log likelihood of each fit.
+    """Fits a model again for trial delays of the wheel speed.
 
-    Only the first whole runs of the record are used, with at most `_MOST_ROWS` rows together. If the first run is
-    longer, its first `_MOST_ROWS` rows are used.
+    Only the first whole runs of the record with at most `_MOST_ROWS` rows together are used, or the first `_MOST_ROWS`
+    rows if the first run is longer.
     """
 
     def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
@@ -144,14 +137,10 @@ class Shifted:
         self.interval = float(np.median(np.diff(self._record.time)[np.diff(self._record.run) == 0]))  # s
 
     def inflation(self, lag: float) -> float:
-        """Long-run variance of the whitened errors of the fit with delay `lag`, s; values below 1 are set to 1.
-
-        `deviance` must have been called with this delay before.
-        """
         return max(self._results[lag][1], 1.0)
 
     def deviance(self, lag: float) -> float:
-        """-2 log likelihood of the fit with delay `lag`, s; the fit starts from the best parameters of earlier fits."""
+        """Return the -2 log likelihood of the fit with the delay `lag`, s."""
         if lag not in self._results:
             problem = PredictionErrors(self._model, delayed(self._record, lag), self._vehicle, self._wheel_load)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try extreme values
@@ -164,7 +153,7 @@ class Shifted:
 def lag_of(
     fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float, *, table: Fit | None = None
 ) -> Lag | None:
-    """Most likely delay of the wheel's speed; None if no delay clearly improves the fit to the wheel's motion.
+    """Most likely delay of the wheel speed; None if no delay clearly improves the fit to the wheel's motion.
 
     If a fitted `table` is given, the delay must also improve the fit of the table.
     """
@@ -182,7 +171,6 @@ def lag_of(
 
 
 def _most_likely(shifted: Shifted) -> Lag | None:
-    """Delay with the least -2 log likelihood of the motion; None if the fit without delay is nearly as likely."""
     from scipy.optimize import minimize_scalar
 
     deviance, interval = shifted.deviance, shifted.interval
@@ -211,7 +199,7 @@ def _most_likely(shifted: Shifted) -> Lag | None:
 
 
 def delayed(record: BrakedRows, lag: float) -> BrakedRows:
-    """Delay train speed and brake torque of each run by `lag`, s, so that they match a wheel speed that is late."""
+    """Delay train speed and brake torque by `lag`, s, so that they match a wheel speed that is late by `lag`."""
     speed, torque = record.speed.copy(), record.torque.copy()
     for run in np.unique(record.run):
         at = record.run == run
@@ -222,7 +210,7 @@ def delayed(record: BrakedRows, lag: float) -> BrakedRows:
 
 
 def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
-    """Warning about a delay. `interval`: time between rows, s; `delays`: corrections given by the user, s."""
+    """Warning about a delay; `interval`: time between rows, s; `delays`: corrections given by the user, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
     cause = ""
     if not given and abs(late - interval / 2.0) < _EQUAL * lag.stderr:
@@ -235,25 +223,18 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
 
 # --- the models of a log ---------------------------------------------------------------------------------------------
 
-
 DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  #: speeds at which the peak is reported, as shares of the initial speed
 
 
 class Candidates:
-    """Fits models to an adhesion curve.
-
-    The sliding regime, to which some models are fitted, begins at the slip of the highest measured mu.
-    """
+    """Fits models to an adhesion curve."""
 
     def __init__(self, curve: AdhesionCurve, vehicle: Vehicle, setting: models.Setting) -> None:
         self.curve, self.vehicle, self.setting = curve, vehicle, setting
         self.regimes = results.regimes_of_data(curve.cells)
 
     def fitted(self, names: Sequence[str]) -> tuple[tuple[Fit, ...], tuple[str, ...]]:
-        """Fit the models `names`; return (fits, messages about failed fits).
-
-        The intervals of the parameters are computed only if there is a single name.
-        """
+        """Fit the models `names`; return (fits, messages about failed fits)."""
         fits, failures, alone = list[Fit](), list[str](), len(names) == 1
         for name in names:
             try:
@@ -263,11 +244,11 @@ class Candidates:
         return tuple(fits), tuple(failures)
 
     def with_intervals(self, fitted: Fit) -> Fit:
-        """Return the fit with intervals of its parameters; the model is fitted again if the fit has no intervals."""
+        """Return the fit with intervals of its parameters; if it has none, the model is fitted again."""
         return fitted if fitted.with_profiles else self._fit(fitted.model.name, profiles=True)
 
     def table_of(self, fits: Sequence[Fit]) -> Fit | None:
-        """Return the table in `fits`, or else fit a table; None if the table has no prediction-error fit."""
+        """Return the table in `fits`, else fit a table; None if the table has no prediction-error fit."""
         table = next((each for each in fits if each.model.name == "table"), None)
         if table is None:
             with suppress(InputError):
@@ -275,7 +256,6 @@ class Candidates:
         return table if table is not None and table.coarse is not None else None
 
     def _fit(self, name: str, *, profiles: bool) -> Fit:
-        """Fit one model. InputError if the fit fails, or if the fitted adhesion is impossible."""
         curve, setting, profiles = self.curve, self.setting, profiles and name != "table"
         model = models.fit_model(name, curve.cells, models.shape_of(curve.cells, curve.peak_slip), setting)
         known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
@@ -287,7 +267,6 @@ class Candidates:
 
 
 # --- identification of one log, or of several ------------------------------------------------------------------------
-
 
 _LINE_POINTS = 200  # points of a model's curve in a picture
 _RAMP_SLIP = 0.05  # least slip ratio up to which the ramp is measured, for a peak at a lower slip
@@ -316,12 +295,10 @@ class Identification:
     - chosen: score of the model given by the user, else of the first formula that fits, else of the table.
     - not_fitted: reasons why models are left out, one sentence each.
     - peaks: adhesion peaks at several speeds, on the log's rail and on wet rail.
-    - regimes: adhesion and sliding. Sliding begins at the chosen model's peak if the log goes past this peak, else at
-      the highest measured mu.
+    - regimes: adhesion and sliding, with the slip ratio at which sliding begins.
     - reference: reference slips at the initial speed; None if the model has no peak within the slips of the log.
-    - warnings: faults of the log that the data or the fits show.
-    - fit_warnings: warnings about the chosen model.
-    - delay: delay of the wheel's speed; None if no delay was found.
+    - warnings, fit_warnings: faults of the log, and warnings about the chosen model.
+    - delay: delay of the wheel speed; None if no delay was found.
     """
 
     vehicle: Vehicle
@@ -386,7 +363,7 @@ def identify(
     - progress: called with the share of the file that has been read, 0 to 1.
     - observed: called with each block of adhesion samples (`Observed`), SI.
 
-    A log or an option that cannot be used raises InputError with a message of one line.
+    InputError for a log or an option that cannot be used.
     """
     path, options = Path(path), options or Options()
     _model_names(options)  # raises an error before a large log is read
@@ -436,7 +413,6 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
 
 
 def _model_fields(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
-    """Fields of an `Identification` that depend on the chosen model; the last of `peaks` on each rail is at v0."""
     curve, setting = candidates.curve, candidates.setting
     at_v0 = {peak.rail: peak for peak in peaks}
     # for a wet log, both reference slips are those of the wet rail
@@ -479,7 +455,7 @@ def _chosen(
 
 
 def _contradictions(curve: AdhesionCurve, setting: models.Setting, options: Options) -> tuple[str, ...]:
-    """Warnings about given values that contradict the log, one sentence each."""
+    """Warnings about given values that contradict the log."""
     warnings, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
         warnings.append(message("other initial speed", given=v0 / KMH, seen=seen / KMH))
@@ -490,7 +466,6 @@ def _contradictions(curve: AdhesionCurve, setting: models.Setting, options: Opti
 
 
 def _misfit_warning(scores: Sequence[results.Score], chosen: Fit, table: Fit | None, log: str) -> tuple[str, ...]:
-    """Warning if the chosen formula does not fit, or if no formula fits."""
     nearest = next((score.fit for score in scores if score.fit.model.name != "table"), chosen)
     formula = chosen if chosen.model.name != "table" else nearest
     if table is None or not results.is_misfit(formula, table):
@@ -501,10 +476,7 @@ def _misfit_warning(scores: Sequence[results.Score], chosen: Fit, table: Fit | N
 
 
 def _delay(fit: Fit, table: Fit | None, candidates: Candidates) -> Lag | None:
-    """Delay of the wheel's speed; None if there is none, or if another fault of the log could look like a delay.
-
-    The delay is estimated with the chosen model `fit` if it fits the log, else with the table.
-    """
+    """Delay of the wheel speed; None if there is none, or if another fault of the log could look like a delay."""
     curve, load = candidates.curve, candidates.setting.wheel_load
     if curve.survey.is_mixed or is_wrong_wheel(curve.rolling) or deceleration_differs(curve.deceleration_ratio):
         return None
@@ -513,18 +485,13 @@ def _delay(fit: Fit, table: Fit | None, candidates: Candidates) -> Lag | None:
 
 
 def _wheel_findings(curve: AdhesionCurve) -> tuple[str, ...]:
-    """Findings on slip in free rolling, which may be the cause of a failed fit."""
     return tuple(f"{curve.name}: {each.text}" for each in curve.findings if each.check == "free rolling")
 
 
 def _peaks(
     score: results.Score, setting: models.Setting, curve: AdhesionCurve, table: Fit | None
 ) -> tuple[results.PeakSlip, ...]:
-    """Adhesion peaks at `DRIFT_SPEEDS`; a peak beyond the largest slip of the log has no reference slip.
-
-    If a formula does not fit the motion better than the table, the interval of its peak is widened to contain the
-    interval of the table's peak.
-    """
+    # unless the formula fits the motion better than the table, its interval also contains that of the table's peak
     fit, v0, widest = score.fit, setting.initial_speed, None
     speeds = [share * v0 for share in DRIFT_SPEEDS]
     if table is not None and fit.model.name != "table" and not fit.deviance < table.deviance:
@@ -568,7 +535,7 @@ def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> mode
 class LogSeries:
     """Several logs identified with one model, and its parameters as polynomials of the initial speed.
 
-    `warnings` are about differences between the logs; warnings about a single log are in its `Identification`.
+    `warnings` are about differences between the logs.
     """
 
     logs: tuple[Identification, ...]
@@ -581,7 +548,7 @@ def identify_several(
 ) -> LogSeries:
     """Identify logs of several initial speeds with one model.
 
-    The model "best" is the formula whose BIC, summed over the logs, is lowest. `paths` are the logs; `vehicle`,
+    The model "best" is the formula with the lowest sum of BIC over the logs. `paths` are the logs; `vehicle`,
     `options`, `progress` and InputError are as in `identify`.
     """
     whole = [path.resolve() for path in paths]

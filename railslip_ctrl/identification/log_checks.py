@@ -1,10 +1,7 @@
 """Check whether a log is plausible; each fault is a `Finding`.
 
-- Free rolling: without brake, torque and slip should be zero. A measured torque is therefore a sensor offset, and a
-  measured slip indicates a wrong wheel radius.
-- Adhesion: compared with the range of steel on steel.
-- Deceleration: compared with the deceleration expected from the wheel's adhesion and the train's mass.
-- The unit of the time, the resolution of the columns and the wheel loads are also checked.
+Without brake, torque and slip should be zero: a measured torque is therefore a sensor offset, and a measured slip
+indicates a wrong wheel radius.
 """
 
 from __future__ import annotations
@@ -28,14 +25,13 @@ from .observed import LOWEST_SPEED, BrakedRows, Survey
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault of a log: the `check` that found it, and its message `text`."""
+    """A fault of a log: name of the `check` that detects it, and message `text`."""
 
     check: str
     text: str
 
 
 # --- free rolling: windows with constant torque and slip, at the lowest torque that has enough windows ---------------
-
 
 _SECONDS, _LEAST_ROWS = 0.2, 16  # least duration, s, and rows of a window
 _ROUNDING = 1e-6  # relative rounding error of the median interval
@@ -59,35 +55,27 @@ _UNIFORM = math.sqrt(12.0)  # quantisation step over the standard deviation of i
 
 @dataclass(frozen=True)
 class Rolling:
-    """Slip ratio and brake torque during free rolling, with their standard errors, SI.
-
-    `speed`, `omega`, `load` and `deceleration` are medians. `freedom` is the number of degrees of freedom of
-    `slip_error` and of `torque_error`.
-    """
+    """Slip ratio and brake torque in free rolling, with their standard errors, and medians of other signals; SI."""
 
     slip: float
     slip_error: float
     torque: float
     torque_error: float
-    speed: float
-    omega: float
-    load: float
-    deceleration: float
-    freedom: float
+    speed: float  # median of the train speed
+    omega: float  # median
+    load: float  # median
+    deceleration: float  # median
+    freedom: float  # degrees of freedom of the standard errors
 
     @property
     def critical_value(self) -> float:
-        """Number of standard errors above which a value is significant: Student's quantile for `_FALSE_ALARM`."""
         from scipy.special import stdtrit
 
-        return float(stdtrit(self.freedom, 1.0 - _FALSE_ALARM / 2.0))
+        return float(stdtrit(self.freedom, 1.0 - _FALSE_ALARM / 2.0))  # in standard errors
 
 
 class FreeRolling:
-    """Finds free rolling in a log: collects windows of rows in which torque and slip are constant.
-
-    At most `_MOST_WINDOWS` windows are kept, spread over the log. Rows may arrive in blocks of any size.
-    """
+    """Detects free rolling in a log, from windows of rows in which torque and slip are constant."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle, self._radius = vehicle, vehicle.wheel.radius
@@ -117,8 +105,8 @@ class FreeRolling:
     def _steady(self, views: Floats) -> Floats:
         """Return seven numbers for each window of `views`, (5, windows, rows), with constant torque and slip.
 
-        The numbers are the means of torque, v, omega and load, the standard error of the torque, the deceleration, and
-        1 if omega changes within the window, else 0.
+        They are the means of torque, v, omega and load, the standard error of the torque, the deceleration, and 1 if
+        omega changes within the window, else 0.
         """
         rolling = (views[1] > LOWEST_SPEED).all(axis=1) & (views[4] > 0.0).all(axis=1)
         time, v, omega, torque, load = views[:, rolling]
@@ -143,7 +131,7 @@ class FreeRolling:
     def result(self, *, speed_step: float = 0.0, omega_step: float = 0.0) -> Rolling | None:
         """Return slip and torque in free rolling; None if the wheel never rolls freely.
 
-        `speed_step`, m/s, and `omega_step`, rad/s, are the quantisation steps of the train's and the wheel's speed.
+        `speed_step`, m/s, and `omega_step`, rad/s, are the quantisation steps of train speed and wheel speed.
         """
         windows = self._lowest()
         if windows is None:
@@ -171,7 +159,7 @@ class FreeRolling:
         )
 
     def _lowest(self) -> Floats | None:
-        """Windows of the lowest torque level to which enough windows belong; None if no level has enough."""
+        """Windows of the lowest torque level that has enough windows; None if no level has enough."""
         windows = self._windows[:, np.argsort(self._windows[0])]
         torque, _, _, load, noise, _, _ = windows
         least = max(_LEAST_WINDOWS, math.ceil(_LEAST_SHARE * len(torque)))
@@ -184,7 +172,6 @@ class FreeRolling:
 
 
 def _is_steady(time: Floats, values: Floats, least: Floats) -> Flags:
-    """For each window: True if slope and curvature of `values` are within the noise or the accepted change `least`."""
     x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
     bend = x**2 - np.mean(x**2, axis=1, keepdims=True)
     noise = np.mean(np.diff(values, axis=1) ** 2, axis=1) / 2.0
@@ -197,7 +184,6 @@ def _is_steady(time: Floats, values: Floats, least: Floats) -> Flags:
 
 
 def _error_of_median(values: Floats) -> float:
-    """Standard error of the median of `values`, one value for each window; neighbouring windows overlap by half."""
     scatter = _SIGMA_PER_MAD * float(np.median(np.abs(values - np.median(values))))
     return _MEDIAN * scatter / math.sqrt(max(len(values) / 2.0, 1.0))
 
@@ -212,7 +198,7 @@ _OTHER_UNIT = 0.15  # slip ratio; wear of the wheel causes less, so a larger sli
 MOST_FREE_SLIP = 0.5  #: slip ratio in free rolling beyond which a log is refused; no error of a radius is so large
 
 _UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
-_EQUAL = 0.05  # relative difference below which two ratios count as equal; larger than usual errors of the radius
+_EQUAL = 0.05  # largest relative difference of equal ratios; larger than usual errors of the radius
 _MOST_CREEP = 0.002  # upper limit of the computed creep, slip ratio, because a wrong radius distorts the slope used
 _UNTRUSTED = 0.005  # slip ratio in free rolling beyond which other checks of the log are unreliable
 _EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this share of the slip remains without the zero
@@ -220,18 +206,13 @@ _EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this sh
 
 @dataclass(frozen=True)
 class Known:
-    """Vehicle, features of the adhesion curve and corrections by the user, with which free rolling is judged.
-
-    `slope` is dmu/dslip of the curve at low slip, inf if it is not known. `peak_slip` is the slip ratio of the curve's
-    peak, 0 if it is not known. `wheel_column` is the quantity from which the wheel's speed was read. `zeros` are the
-    sensor offsets that were subtracted, SI, by quantity.
-    """
+    """Vehicle, features of the adhesion curve and corrections by the user, with which free rolling is judged."""
 
     vehicle: Vehicle
-    slope: float
-    peak_slip: float
-    wheel_column: str
-    zeros: Mapping[str, float]
+    slope: float  # dmu/dslip at low slip; inf if not known
+    peak_slip: float  # slip ratio; 0 if not known
+    wheel_column: str  # quantity from which the wheel speed was read
+    zeros: Mapping[str, float]  # subtracted sensor offsets, SI, by quantity
 
     def creep(self, rolling: Rolling) -> float:
         """Slip ratio at which the adhesion force on an unbraked wheel balances the wheel's friction and inertia."""
@@ -243,7 +224,6 @@ class Known:
         return min(max(force / (rolling.load * self.slope), -_MOST_CREEP), _MOST_CREEP)
 
     def tolerance(self, rolling: Rolling) -> float:
-        """Largest plausible difference between the slip ratio in free rolling and `creep`."""
         least = max(_LEAST_SLIP, _LEAST_OF_PEAK * self.peak_slip)
         return max(rolling.critical_value * rolling.slip_error + abs(self.creep(rolling)), least)
 
@@ -296,7 +276,6 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
 
 
 def _is_ratio(ratio: float, factor: float) -> bool:
-    """True if `ratio` is close to `factor` or to 1/`factor`."""
     return min(abs(ratio * factor - 1.0), abs(ratio / factor - 1.0)) < _EQUAL
 
 
@@ -321,7 +300,7 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
     """Suggest a unit of torque or load that would make the adhesion coefficient `mu` plausible; empty if none does.
 
-    `factors` has, for each quantity, the SI value of the unit in which its column is read.
+    `factors` are the SI values of the units in which the columns are read, by quantity.
     """
     hints, other = [], math.nan
     for quantity, units in _UNITS.items():
@@ -340,10 +319,7 @@ def units_or(mu: float, factors: Mapping[str, float]) -> str:
 
 
 def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield a finding if the highest `mean_mu` of all bins is implausible for steel on steel.
-
-    `factors` is as in `unit_hint`.
-    """
+    """Yield a finding if the highest `mean_mu` of all bins is implausible for steel on steel."""
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
         yield Finding("adhesion", message("highest mean mu", mu=highest, **MU_RANGE, cause=units_or(highest, factors)))
@@ -359,7 +335,7 @@ _PULL_RANGE = (0.02, 1.0)  # highest brake torque over wheel load times radius; 
 
 
 def _speed_lost(record: BrakedRows) -> float:
-    """Sum of the speeds that the train loses in the runs under brake, m/s; NaN if it is too small for a check."""
+    """Sum of the speeds that the train loses in the runs, m/s; NaN if the sum is too small for a check."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
     return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
@@ -368,9 +344,8 @@ def _speed_lost(record: BrakedRows) -> float:
 def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     """Ratio of the train's measured deceleration to that expected from the wheel's adhesion and the resistance.
 
-    The adhesion is computed from the wheel's equation of motion, (3) of [Park2008], integrated over the runs. The
-    expected deceleration follows from this adhesion by the train's equation of motion, (4). NaN if the train hardly
-    slows down, or if the expected deceleration is not positive.
+    The adhesion follows from the wheel's equation of motion, (3) of [Park2008], and the expected deceleration from the
+    train's, (4). NaN if the train hardly slows down, or if the expected deceleration is not positive.
     """
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]
@@ -383,15 +358,15 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
 
 
 def deceleration_differs(ratio: float) -> bool:
-    """True if the result of `deceleration_ratio` is not plausible; False if it is NaN."""
+    """True if a ratio from `deceleration_ratio` is not plausible; False if it is NaN."""
     return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
 
 
 def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, unit: float) -> str | None:
     """Message if the time of the log seems to have another unit than assumed; else None.
 
-    `unit` is the assumed unit in s. The speed that the train loses in the runs under brake is compared with the loss
-    expected from the brake torque of one wheel and its share of the mass. `highest_pull` is as in `Survey`.
+    The speed lost by the train is compared with the loss expected from the brake torque of one wheel and its share of
+    the mass. `unit` is the assumed unit, s; `highest_pull` is as in `Survey`.
     """
     if not len(record) or not _PULL_RANGE[0] < highest_pull < _PULL_RANGE[1]:
         return None
@@ -411,8 +386,7 @@ _OTHER_LOAD = 1.5  # plausible ratio of the log's wheel load to the vehicle's; e
 _OTHER_SPEED = 0.02  # plausible relative difference of a wheel's two speeds; wear of the wheel causes less
 _COARSE = 0.005  # in slip ratio or mu, as the lowest slip used (`SLIP_RANGE`); a smaller step does not matter
 
-LOADS_DIFFER = 1.05
-"""Ratio of two mean wheel loads above which the loads count as different; fitted forces then differ by 5 %, too."""
+LOADS_DIFFER = 1.05  #: least ratio of two mean wheel loads that are reported as different
 
 
 def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
@@ -431,23 +405,19 @@ def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
 
 
 class WheelSpeeds:
-    """Compares the two speeds of the wheel in a log that has both wheel speed and angular speed.
-
-    Their ratio is the slope of a least-squares line through 0 over all rows.
-    """
+    """Compares wheel speed and angular speed in a log that has both, by a least-squares line through 0."""
 
     def __init__(self) -> None:
         self._product = self._square = 0.0
 
     def add(self, rows: Rows) -> None:
-        """Add rows; rows without both speeds are ignored."""
         rim, angular = rows.columns.get("wheel_speed"), rows.columns.get("wheel_angular_speed")
         if rim is not None and angular is not None:
             self._product += float(rim @ angular)
             self._square += float(angular @ angular)
 
     def findings(self, radius: float) -> Iterator[Finding]:
-        """Yield a finding if the two speeds disagree for a wheel of this radius, m."""
+        """Yield a finding if the two speeds disagree for a wheel with this radius, m."""
         ratio = self._product / (radius * self._square) if self._square > 0.0 else math.nan
         if abs(ratio - 1.0) > _OTHER_SPEED:
             yield Finding("wheel speeds", message("two wheel speeds", ratio=ratio))
@@ -455,20 +425,15 @@ class WheelSpeeds:
 
 @dataclass(frozen=True)
 class ColumnStep:
-    """Quantisation `step` of a column, in the unit of the file; `label` is the header of the column.
+    """Quantisation step of a column of a log, and its effect on the slip ratio or on mu."""
 
-    `share` is the change of the slip ratio by one step at the initial speed, or the change of mu if the column is the
-    torque.
-    """
-
-    label: str
-    step: float
-    share: float
+    label: str  # header of the column
+    step: float  # in the unit of the file
+    share: float  # change of the slip ratio at the initial speed, or of mu for a torque, by one step
     is_torque: bool
 
     @property
     def matters(self) -> bool:
-        """True if the step is coarse for the fits: it changes the slip ratio or mu by 0.005 or more."""
         return self.share >= _COARSE
 
     def __str__(self) -> str:
@@ -479,11 +444,10 @@ class ColumnStep:
 def column_steps(
     resolution: Resolution, columns: Mapping[str, Column], radius: float, speed: float, load: float
 ) -> tuple[ColumnStep, ...]:
-    """Quantisation step of each quantised column of a log, also as a change of slip ratio or of mu.
+    """Quantisation step of each quantised column of a log.
 
-    - resolution: quantisation steps of the quantities, SI.
-    - columns: columns of the file, by quantity; values of a quantity that is not in `columns` are in SI.
-    - radius, speed, load: wheel radius, m, initial speed, m/s, and wheel load, N, for the changes of slip and mu.
+    `resolution` has the steps, SI, `columns` the columns of the file, both by quantity. The wheel `radius`, m, the
+    initial `speed`, m/s, and the wheel `load`, N, give the changes of slip and mu by a step.
     """
     shares = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
     steps = []

@@ -1,17 +1,8 @@
 """Read a log, a CSV file with a header, in blocks of lines; memory does not grow with the size of the file.
 
 A header cell is a name of `NAMES`, with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "time_ms". Case,
-spaces, underscores and hyphens are ignored. If a cell has several brackets, the last one with a unit of the quantity is
-used; if none has a unit, the cell is refused. A column without a unit is in SI. A column with the name `n` is the
-angular speed or the wheel load, depending on its unit; without a unit it is the load. A wheel speed in a unit of
-angular speed (rad/s, rpm) is read as angular speed. Time, train speed, brake torque and one of the two wheel speeds are
-required; other columns are ignored.
-
-The header is the first line that names the required columns. If the first line that is not a comment has numbers, the
-header is the last comment line (#) above it that names the columns. A line of units may follow the header.
-
-Every row keeps its line number. Lines that cannot be read (cut off, or with text instead of numbers) are left out and
-reported. A last line without a line end counts as cut off if cells are missing. An empty optional column is ignored.
+spaces, underscores and hyphens are ignored. A column without a unit is in SI. Lines may precede the header, and a line
+of units may follow it. Lines that cannot be read are left out and reported.
 """
 
 from __future__ import annotations
@@ -53,11 +44,11 @@ LONGEST_LINE = 1 << 20  #: longest line that is read, bytes; it bounds the memor
 STANDARD_INPUT = "-"  #: path that means standard input
 
 _QUANTITIES = texts(__package__, "quantities.toml")
+#: SI units of the quantities of a log, by quantity
 UNITS = MappingProxyType({quantity: known["unit"] for quantity, known in _QUANTITIES.items()})
-"""The quantities of a log and their SI units."""
 
+#: accepted names in a header, by quantity; files written by this package use the first name
 NAMES = MappingProxyType({quantity: tuple(known["names"]) for quantity, known in _QUANTITIES.items()})
-"""Accepted names by quantity; files written by this package use the first name."""
 
 _WHEEL = ("wheel_angular_speed", "wheel_speed")
 
@@ -68,16 +59,13 @@ _SUFFIXES = frozenset(name.lower() for name in TRADE_UNITS)  # units accepted wi
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a quantity in a log: its index from 0, its header cell, and the SI value of its unit (`factor`).
-
-    If the unit is not given (`unit_given` false), the column is read in SI.
-    """
+    """Column of a quantity in a log."""
 
     quantity: str
-    factor: float
-    index: int
+    factor: float  # SI value of its unit
+    index: int  # from 0
     header: str
-    unit_given: bool
+    unit_given: bool  # if false, the column is read in SI
 
 
 def find_columns(
@@ -85,9 +73,9 @@ def find_columns(
 ) -> dict[str, Column]:
     """Find the column of each quantity in a header; the result has the quantities as keys, in the order of `UNITS`.
 
-    `columns` maps a quantity to its header cell, if this cell is not in `NAMES`, or to the position of its column,
-    counted from 1. `units` maps a quantity to its unit and overrides the unit in the header. InputError for an unknown
-    quantity, an unknown or ambiguous header, a missing column, or a unit that does not suit the quantity.
+    `columns` maps a quantity to its header cell or to the position of its column, counted from 1. `units` maps a
+    quantity to its unit and overrides the unit in the header. InputError for an unknown quantity, an unknown or
+    ambiguous header, a missing column, or a unit that does not suit the quantity.
     """
     columns, units = columns or {}, units or {}
     for option, given in (("`columns`", columns), ("`units`", units)):
@@ -117,7 +105,7 @@ def find_columns(
 
 @cache
 def is_unit(text: str, quantity: str) -> bool:
-    """True if `text` is a unit of the `quantity`; units of an angular speed are also units of `wheel_speed`."""
+    """True if `text` is a unit of the `quantity`; a wheel speed may also have a unit of angular speed."""
     with suppress(InputError):
         return bool(_unit(text, quantity))
     return False
@@ -170,7 +158,6 @@ def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
 
 
 def _unit(text: str, quantity: str) -> tuple[str, float]:
-    """Quantity and SI value of a unit; a `wheel_speed` in a unit of angular speed becomes a `wheel_angular_speed`."""
     if quantity == "wheel_speed":
         with suppress(InputError):
             return quantity, factor(text, UNITS[quantity])
@@ -185,7 +172,7 @@ def _split(cell: str) -> tuple[str, list[str]]:
 
 
 def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
-    """Yield the ways to split a header cell without brackets into name and unit: v_kmh, "Tb kN m", v_ms (for m/s)."""
+    """Yield the ways to split a header cell without brackets into name and unit: v_kmh, "Tb kN m"."""
     pieces = re.split(r"[\s_,:]+", cell.strip())
     for count, sign in ((1, ""), (2, "/"), (2, " ")):
         name, text = " ".join(pieces[:-count]).rstrip(" /"), sign.join(pieces[-count:])
@@ -196,7 +183,6 @@ def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
 
 
 def _names(cell: str, quantity: str) -> set[str]:
-    """Names to compare with the names of a quantity: the text of a header cell, whole and without its unit."""
     name, texts = _split(cell)
     if _plain(name) == "n" and not (any(is_unit(t, quantity) for t in texts) if texts else quantity == "wheel_load"):
         return set()  # n may be the angular speed or the load; for example n [1/min] is not the load
@@ -229,12 +215,12 @@ _ALL_NAMES = frozenset(_plain(name) for names in NAMES.values() for name in name
 
 @dataclass(frozen=True)
 class Header:
-    """Format of the rows, as read from the header; `next_line` is the number of the line after header and units."""
+    """Format of the rows of a log, as read from the header."""
 
     cells: tuple[str, ...]
     columns: dict[str, Column]
     separator: str
-    next_line: int
+    next_line: int  # number of the first line after the header and its line of units
     notes: tuple[str, ...]
 
 
@@ -273,7 +259,7 @@ def read_header(
 
 
 def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] | None:
-    """Return the cells of the first record of `lines` and its number of lines; None if quotation marks are invalid."""
+    """Return the cells of the first record of `lines` and its number of lines; None for invalid quotation marks."""
     if separator == BLANKS:
         return _WORDS.split(next(iter(lines)).strip()), 1
     reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, strict=True)
@@ -305,7 +291,7 @@ def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[
 def _with_units_below(
     cells: list[str], lines: Sequence[bytes], end: int, first_row: int, find: Callable[[list[str]], dict[str, Column]]
 ) -> tuple[dict[str, Column], int]:
-    """Return the columns of a header and the index of the line after it; a line of units belongs to the header."""
+    """Return the columns of a header, and the index of the line after the header and its line of units."""
     by_quantity = find(cells)
     at = next((i for i in range(end, len(lines)) if lines[i].strip(_BLANK)), end)
     for row, _, after in _records(lines, at, first_row) if at < len(lines) else ():
@@ -323,7 +309,6 @@ def _with_units_below(
 
 
 def _separator_of(row: bytes, count: int) -> str | None:
-    """Separator that splits a row into `count` > 1 cells, not counting an empty last cell; None if there is none."""
     for separator in (*_SEPARATORS, BLANKS):
         cells, _ = split_cells([_decoded(row)], separator) or ([""], 1)
         if count > 1 and (len(cells) == count or (len(cells) == count + 1 and not cells[-1].strip())):
@@ -361,8 +346,8 @@ _OTHER_FORMATS = {
 class LogFile:
     """Reads the bytes of a log once, from the beginning; a gzipped file is unpacked.
 
-    `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is not regular or not a readable text file.
-    `damage` says why a gzipped file ends early, empty otherwise. `read` first returns the bytes in `ahead`.
+    `path` is a regular file or `STANDARD_INPUT`. InputError for a file that cannot be read. `damage` says why a gzipped
+    file ends early; it is empty if the file is complete.
     """
 
     def __init__(self, path: Path) -> None:
@@ -390,7 +375,6 @@ class LogFile:
             raise
 
     def _regular(self, path: Path) -> io.FileIO:
-        """Open a regular file; files of other kinds are refused, because reading a pipe may block."""
         try:
             mode = path.stat().st_mode
             if stat.S_ISREG(mode):
@@ -403,7 +387,6 @@ class LogFile:
         raise InputError(f"{self.name} {reason}; give a CSV file, or - for standard input")
 
     def read(self, count: int) -> bytes:
-        """Read `count` bytes, or fewer at the end of the file."""
         parts = [self.ahead.read(count)]
         missing = count - len(parts[0])
         while missing > 0 and (part := self._guarded(self._file.read1, missing)):
@@ -449,7 +432,7 @@ _LATEST = 1e11
 _MOST_NAMED = 5  # unreadable lines that have a message of their own
 _FIRST_ROWS = 1000  # rows that are buffered to detect empty columns, decimal mark and cell count
 _DATE = re.compile(r"\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d{2}")
-_PIECE = 1000  # lines that are parsed one by one if a line among them cannot be read
+_PIECE = 1000  # number of lines that are parsed one by one if a line among them cannot be read
 _OPTIONAL = {
     "wheel_load": "the vehicle's wheel load is used",
     "wheel_speed": "the wheel's angular speed is used",
@@ -491,11 +474,11 @@ class Rows:
 
 @dataclass
 class Broken:
-    """Unreadable lines: how many, the line number of the last, and line numbers and reasons of the first (`named`)."""
+    """Unreadable lines of a log."""
 
     count: int = 0
-    last: int = 0
-    named: list[tuple[int, str]] = field(default_factory=list)
+    last: int = 0  # number of the last unreadable line
+    named: list[tuple[int, str]] = field(default_factory=list)  # line numbers and reasons of the first
 
     def add(self, line: int, reason: str) -> None:
         self.count += 1
@@ -512,14 +495,12 @@ class Log:
     """Reads the rows of a log once, from the beginning.
 
     - path: a CSV file in UTF-8 or Latin-1, gzipped or not, or `-` for standard input. Cells are separated by commas,
-      semicolons, tabs, bars or blanks. The decimal mark is the point or the comma, whichever is more frequent in the
-      columns that are read.
+      semicolons, tabs, bars or blanks. The decimal mark is a point or a comma.
     - columns, units: as in `find_columns`.
     - skip_lines: number of lines to skip before the header.
     - block_bytes: number of bytes that are read at a time.
 
-    InputError for a missing or empty file, or an invalid header, column or unit. `rows` raises InputError for a file
-    without rows, for implausible speeds, or if many lines have thousands separators.
+    InputError for a file, header, column or unit that cannot be used; `rows` also raises InputError.
     """
 
     def __init__(
@@ -550,16 +531,13 @@ class Log:
 
     @property
     def share(self) -> float:
-        """Share of the file that has been read, 0 to 1; 0 for standard input."""
         return self._file.share
 
     def close(self) -> None:
-        """Close the file; `rows` also closes it at the end."""
         self._file.close()
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Assumptions about the columns, one sentence each."""
         assumed = [c for c in self.columns.values() if not c.unit_given]
         notes = [f"column {c.header!r} has no unit: {c.quantity} is read in {UNITS[c.quantity]}" for c in assumed]
         if {*_WHEEL} <= self.columns.keys():
@@ -617,19 +595,17 @@ class Log:
                 yield line, last
 
     def _after_the_line(self) -> bytes:
-        """Skip the rest of the current line; return the bytes already read of the next lines, empty at the end."""
+        """Skip the rest of the current line; return the bytes already read of the next lines."""
         while read := self._file.read(self._block_bytes):
             if cut := read.find(b"\n") + 1:
                 return read[cut:]
         return b""
 
     def _plain(self, block: bytes) -> bytes:
-        """Replace line ends by line feeds, and blanks that separate cells by single tabs."""
         block = block.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n")  # \r\r\n: line ends converted twice
         return _OUTER_TABS.sub(b"", _BLANKS.sub(b"\t", block)) if self._header.separator == BLANKS else block
 
     def _after_first_rows(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
-        """Detect the decimal mark and empty columns in the first rows; then yield all blocks."""
         buffered: list[tuple[int, bytes]] = []
         ends = size = 0
         while ends < _FIRST_ROWS and size < BLOCK_BYTES and (more := next(blocks, None)):
@@ -642,7 +618,6 @@ class Log:
         yield from blocks
 
     def _leave_out_empty(self, lines: Sequence[bytes]) -> None:
-        """Drop optional columns that are empty in the first rows."""
         split = (self._cells(line) for line in lines if line.strip() and not line.startswith(COMMENT))
         rows = [cells for cells in split if cells and len(cells) >= len(self._header.cells)]
         for name, instead in _OPTIONAL.items():
@@ -657,7 +632,6 @@ class Log:
                 )
 
     def _parsed(self, first: int, block: bytes) -> Rows:
-        """Parse a block of whole lines into rows; unreadable lines are recorded in `broken`."""
         self._count = self._count or self._usual_count(block)
         number = np.arange(first, first + block.count(b"\n"))
         if not self._decimal and (b'"' if self._separator == "," else b",") in block:
@@ -683,10 +657,7 @@ class Log:
         return Rows(number, values).where(possible)
 
     def _usual_count(self, block: bytes) -> int:
-        """Most frequent number of cells of a row in the first block; 0 if the block has no rows.
-
-        Rows may have one cell more than the header if they end in a separator, and may lack the empty last cells.
-        """
+        # rows may end in a separator, which adds an empty cell, and may lack empty last cells
         lines = block.split(b"\n", _FIRST_ROWS)[:-1]
         most, separator = len(self._header.cells), self._separator.encode()
         least = max((i for i, cell in enumerate(self._header.cells, 1) if cell.strip()), default=most)
@@ -695,10 +666,6 @@ class Log:
         return usual[0] if usual else 0
 
     def _numbers(self, number: Lines, text: bytes) -> tuple[Lines, Floats]:
-        """Return the numbers of those lines of `text` that are rows, and their values (rows, columns) in file units.
-
-        If a cell is not a number, the lines are parsed again in pieces, and the piece with this cell line by line.
-        """
         if not self._is_regular(text):
             lines, kept = text.split(b"\n"), []
             for i, at in enumerate(number.tolist()):
@@ -723,7 +690,6 @@ class Log:
         return number[good], np.array(list(itertools.compress(rows, good)), dtype=float).reshape(-1, len(self.columns))
 
     def _is_regular(self, block: bytes) -> bool:
-        """True if every line has the usual number of cells and no special characters, so that no line needs a check."""
         if block.translate(None, _REGULAR) or self._count > len(self._header.cells):
             return False
         codes = np.frombuffer(block, dtype=np.uint8)
@@ -731,7 +697,6 @@ class Log:
         return bool((np.diff(np.searchsorted(separators, ends), prepend=0) == self._count - 1).all())
 
     def _table(self, number: Lines, text: bytes) -> Floats:
-        """Values of rows, (rows, columns), by pandas; ValueError if a cell is not a number or there are no rows."""
         import pandas as pd
 
         indices = [column.index for column in self.columns.values()]
@@ -752,7 +717,6 @@ class Log:
         return np.asarray(frame[indices].to_numpy())
 
     def _mark(self, lines: Iterable[bytes]) -> str:
-        """Most frequent decimal mark in the columns read; empty if no cell has a decimal mark."""
         marks: Counter[str | None] = Counter()
         for cells in map(self._cells, lines):
             for column in self.columns.values() if cells else ():
@@ -765,7 +729,6 @@ class Log:
         return split and split[0]
 
     def _fault(self, line: bytes) -> str:
-        """Describe the fault of a line; empty if the line has the usual number of cells and no invalid characters."""
         if _CONTROL.search(line):
             nulls = line.count(b"\0")  # a power cut during recording leaves null bytes
             if nulls < 2:
@@ -780,7 +743,7 @@ class Log:
         return "" if whole else f"{count} cells where the header has {own}"
 
     def _row(self, line: bytes, decimal: str) -> list[float] | str:
-        """Values of a line in the file's units, or a message about its fault."""
+        """Values of a line in the units of the file, or a message about its fault."""
         cells, values = self._cells(line), []
         if cells is None or len(cells) != self._count:
             return "quotation marks within a cell"

@@ -9,7 +9,7 @@ from railslip_ctrl.core.templates import texts
 
 
 def message(name: str, /, **numbers: Any) -> str:
-    """Return the message that has the key `name` in `messages.toml`, with `numbers` inserted by `str.format`."""
+    """Return the message `name` of `messages.toml`, with `numbers` inserted by `str.format`."""
     return _sentence(name).format(**numbers)
 
 

@@ -1,14 +1,8 @@
 """The models that can be fitted: law, free parameters, starting values and bounds of each model.
 
-The model "bristle" is fitted twice. The first fit, to the measured curve, uses the force that the bristles build up
-while the slip velocity rises at a constant rate ([Park2008] Fig. 17), as on the log's slip ramps. The second fit is to
-the wheel's motion (`prediction`); only the motion determines alpha. "bristle_rest" and "lugre" are fitted with their
-steady-state force, and only to the sliding regime. Parameters without effect on this force keep a preset value.
-
-The search uses `Coordinates` in which the force of a model is nearly linear. For most parameters the coordinate is the
-parameter itself. The steady-state force of the bristles is (gamma - |sigma|)/beta. If a log hardly shows that this
-force falls, beta and gamma could grow together without bound. Their coordinates are therefore gamma/beta, which every
-log determines, and 1/gamma, which is 0 if the force does not fall. If gamma is given, the coordinate of beta is 1/beta.
+The model "bristle" is fitted twice: to the measured curve, with the force that builds up while the slip velocity rises
+at a constant rate ([Park2008] Fig. 17), and to the wheel's motion (`prediction`), which alone determines alpha.
+"bristle_rest" and "lugre" are fitted with their steady-state force, and only to the sliding regime.
 """
 
 from __future__ import annotations
@@ -39,6 +33,8 @@ from .messages import message
 
 # --- coordinates of the search ---------------------------------------------------------------------------------------
 
+# In the search coordinates the force of a model is nearly linear. The steady-state force of the bristles is
+# (gamma - |sigma|)/beta; if a log hardly shows that this force falls, beta and gamma could grow together without bound.
 
 FLAT = 1e-6  #: lower bound of (least gamma)/gamma; with a smaller ratio the fall of the force would not be visible
 
@@ -51,24 +47,20 @@ _SMALLEST = 1e-9  # least size of a coordinate, absolute
 class Coordinates:
     """Search coordinates of the free parameters: their bounds, and the conversion from and to parameter values.
 
-    The arrays have one entry for each parameter: `least` and `most` are the bounds of its value, `typical` is a value
-    of usual size, `lower` and `upper` are the bounds of its coordinate. `pair` has the indices of beta and gamma if
-    both are free and the only bound of beta is 0; their coordinates are then gamma/beta and 1/gamma. `inverse` is the
-    index of beta if gamma is not free; its coordinate is then 1/beta. `pair` and `inverse` are None otherwise.
+    The coordinate of a parameter is its value, except for beta and gamma if `pair` or `inverse` is given.
     """
 
     names: tuple[str, ...]
-    least: Floats
-    most: Floats
-    typical: Floats
-    lower: Floats
-    upper: Floats
-    pair: tuple[int, int] | None = None
-    inverse: int | None = None
+    least: Floats  # lower bounds of the values
+    most: Floats  # upper bounds of the values
+    typical: Floats  # values of usual size
+    lower: Floats  # lower bounds of the coordinates
+    upper: Floats  # upper bounds of the coordinates
+    pair: tuple[int, int] | None = None  # indices of beta and gamma with the coordinates gamma/beta and 1/gamma
+    inverse: int | None = None  # index of beta with the coordinate 1/beta
 
     @classmethod
     def of(cls, names: tuple[str, ...], least: Floats, most: Floats, typical: Floats) -> Coordinates:
-        """Choose the coordinates of the free parameters `names`, whose values are between `least` and `most`."""
         low, high, ends = least.copy(), most.copy(), (least, most)
         b = names.index("beta") if "beta" in names else None
         if b is None:
@@ -84,13 +76,12 @@ class Coordinates:
         return cls(names, *ends, typical, low, high, pair=(b, g))
 
     def without(self, index: int) -> Coordinates:
-        """Coordinates of the other parameters if the parameter `index` is fixed."""
         others = np.arange(len(self.names)) != index
         names = tuple(name for i, name in enumerate(self.names) if i != index)
         return Coordinates.of(names, self.least[others], self.most[others], self.typical[others])
 
     def at(self, values: Floats) -> Floats:
-        """Convert parameter values to coordinates."""
+        """Convert parameter values to search coordinates."""
         x = np.array(values, dtype=float)
         if self.pair is not None:
             b, g = self.pair
@@ -100,7 +91,7 @@ class Coordinates:
         return x
 
     def values(self, x: Floats) -> Floats:
-        """Convert the search coordinates `x`, (n,), to parameter values."""
+        """Convert search coordinates to parameter values."""
         values = np.array(x, dtype=float)
         if self.pair is not None:
             b, g = self.pair
@@ -121,15 +112,12 @@ class Coordinates:
         return result
 
     def sizes(self, x: Floats) -> Floats:
-        """Size of each coordinate: its magnitude, or a lower limit if the magnitude is smaller."""
+        """Magnitude of each coordinate, or a lower limit if the magnitude is smaller."""
         result: Floats = np.maximum(np.abs(x), _SMALL * np.abs(self.at(self.typical)))
         return np.maximum(result, _SMALLEST)
 
     def inside(self, x: Floats, margin: float) -> Floats:
-        """Move the coordinates x away from their bounds, to a distance of `margin` times `sizes`.
-
-        A search that starts on a bound hardly leaves it.
-        """
+        """Move the coordinates x away from their bounds, to a distance of `margin` times `sizes`."""
         off = margin * self.sizes(x)
         low, high = self.lower + off, self.upper - off
         return np.where(low < high, np.clip(x, low, np.maximum(low, high)), np.clip(x, self.lower, self.upper))
@@ -137,21 +125,19 @@ class Coordinates:
     # --- single parameters ------------------------------------------------------------------------------------------
 
     def by_inverse(self, index: int) -> bool:
-        """True if the parameter `index` is represented by 1/value, which is 0 for an infinite value."""
         return index == self.inverse or (self.pair is not None and index in self.pair)
 
     def represented(self, index: int, value: float) -> float:
-        """Return 1/`value` if the parameter is represented by its inverse, else `value`; a second call undoes it."""
+        """Return 1/`value` for a parameter whose coordinate is an inverse, else `value`."""
         return 1.0 / value if self.by_inverse(index) else value
 
     def range_of(self, index: int, x: Floats) -> tuple[float, float]:
-        """Bounds of a parameter, or of its inverse if that represents it, when the search is at coordinates x."""
+        """Bounds of the number that `represented` returns, for a search at the coordinates x."""
         if self.pair is not None and index == self.pair[0]:
             return float(x[index] * self.lower[self.pair[1]]), float(1.0 / self.least[index])
         return float(self.lower[index]), float(self.upper[index])
 
     def moved(self, values: Floats, index: int, value: float) -> Floats:
-        """Return `values` with the one at `index` set to `value`; the other one of a `pair` gets the same factor."""
         result = values.copy()
         if self.pair is not None and index in self.pair:
             other = self.pair[1 - self.pair.index(index)]
@@ -162,13 +148,7 @@ class Coordinates:
 
 # --- a model and its known quantities --------------------------------------------------------------------------------
 
-
-TABLE_KNOTS = 25
-"""Largest number of knots of a fitted table.
-
-Near the peak the distance of the knots is a quarter of the peak slip. This resolves a curve with one peak to about
-0.3 % of its height.
-"""
+TABLE_KNOTS = 25  #: largest number of knots of a fitted table; resolves a curve with one peak to 0.3 % of its height
 
 _ROWS_A_KNOT = 8  # least rows for each value of a table; with fewer rows the table would follow the noise
 _LEAST_KNOTS = 5
@@ -177,56 +157,42 @@ _LAW_POINTS = 8  # points of the lookup table for each knot; its monotone cubics
 
 @dataclass(frozen=True)
 class Setting:
-    """Known quantities of a fit: wheel load, N, initial speed v0, m/s, rail, and the user's settings, SI.
+    """Known quantities of a fit, and the settings by the user."""
 
-    `slip_acceleration` is R measured on the log's slip ramps, m/s^2, None if the log has no ramps.
-    `acceleration_spread` is the standard deviation of R from run to run, None if it is not known. `given_acceleration`
-    is R as given by the user, or None.
-    """
-
-    wheel_load: float
-    initial_speed: float
-    slip_acceleration: float | None
-    given_acceleration: float | None = None
+    wheel_load: float  # N
+    initial_speed: float  # v0, m/s
+    slip_acceleration: float | None  # R measured on the slip ramps of the log, m/s^2
+    given_acceleration: float | None = None  # R given by the user, m/s^2
     rail: Rail = Rail.DRY
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    acceleration_spread: float | None = None
+    fixed: Mapping[str, float] = field(default_factory=dict)  # values given by the user, SI
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # given by the user, SI
+    acceleration_spread: float | None = None  # standard deviation of R from run to run, m/s^2
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Features of the measured curve, from which the starting values of the fits are computed.
+    """Features of the measured curve, from which the starting values of the fits are computed."""
 
-    `slope` is dmu/dslip at low slip. mu is `peak` at the slip ratio `peak_slip`, and `end` near the largest slip,
-    `end_slip`. `speed` is the mean train speed, m/s.
-    """
-
-    slope: float
-    peak_slip: float
-    peak: float
-    end_slip: float
-    end: float
-    speed: float
+    slope: float  # dmu/dslip at low slip
+    peak_slip: float  # slip ratio of the highest mu
+    peak: float  # mu at this slip
+    end_slip: float  # slip ratio near the largest slip
+    end: float  # mu at this slip
+    speed: float  # mean train speed, m/s
 
 
 @dataclass(frozen=True)
 class FitModel:
-    """A model to be fitted: `names` are the free parameters, `known` the values of the other parameters.
-
-    `law` is the class of the fitted adhesion law, `force_law` the class whose force is fitted to the measured curve.
-    They differ only for "bristle", whose force along a slip ramp is given by the law `curve`. Each row of `starts`,
-    (starts, names), has one set of starting values; `lower` and `upper` are the bounds of the values.
-    """
+    """A model to be fitted: adhesion law, free parameters, starting values and bounds."""
 
     name: str
-    law: type[AdhesionLaw]
-    force_law: type[AdhesionLaw]
-    names: tuple[str, ...]
-    starts: Floats
-    lower: Floats
+    law: type[AdhesionLaw]  # class of the fitted law
+    force_law: type[AdhesionLaw]  # class whose force is fitted to the measured curve; "bristle": `curve`
+    names: tuple[str, ...]  # free parameters
+    starts: Floats  # sets of starting values, (sets, names)
+    lower: Floats  # bounds of the values
     upper: Floats
-    known: Mapping[str, float | tuple[float, ...]]
+    known: Mapping[str, float | tuple[float, ...]]  # values of the other parameters
     notes: tuple[str, ...] = ()
 
     def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:
@@ -245,7 +211,6 @@ class FitModel:
 
     @property
     def coordinates(self) -> Coordinates:
-        """Search coordinates of the free parameters."""
         typical = np.abs(self.starts).max(axis=0)
         if self.name == "table":  # all values are mu, so they share one size
             typical[:] = typical.max()
@@ -257,7 +222,6 @@ class FitModel:
 
     @property
     def knots(self) -> Floats:
-        """Slip ratios of the knots of a table."""
         return np.array(self.known["slip"])
 
     def with_knots(self, kept: Sequence[int]) -> FitModel:
@@ -276,11 +240,10 @@ class FitModel:
         return tuple(float(given[name]) for name in self.force_law.parameter_names())
 
     def make(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """Return the adhesion law with the parameter `values`."""
         return self._made(self.law, values, rail)
 
     def make_force_law(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """Return the law `force_law` with the parameter `values`; its peak is the peak of the measured curve."""
+        """Return `force_law` with the parameter `values`; its peak is that of the measured curve."""
         return self._made(self.force_law, values, rail)
 
     def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
@@ -301,7 +264,7 @@ def _cardinal_splines(knots: tuple[float, ...]) -> Any:
 
 
 def spline(knots: Floats, values: Floats) -> Callable[[Floats], Floats]:
-    """Cubic spline through (0, 0) and through `values` at `knots`; `values` of shape (knots, k) give k splines."""
+    """Cubic spline through (0, 0) and `values` at `knots`; `values` of shape (knots, k) give k splines."""
     from scipy.interpolate import PPoly
 
     each = _cardinal_splines(tuple(knots.tolist()))
@@ -312,7 +275,7 @@ _NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # placeholders for vehicle da
 
 
 def shape_of(cells: Cells, peak_slip: float) -> Shape:
-    """Features of the measured curve, computed from its cells; `peak_slip` is the slip ratio of the highest mu."""
+    """Compute the features of the measured curve; `peak_slip` is the slip ratio of the highest mu."""
     order = np.argsort(cells.slip)
     slip, mu, n = cells.slip[order], cells.mu[order], cells.count[order]
     near = np.abs(slip - peak_slip) <= 0.1 * peak_slip
@@ -329,7 +292,7 @@ def shape_of(cells: Cells, peak_slip: float) -> Shape:
 
 
 def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    """Prepare the model `name` for a fit to the cells; InputError for an unknown name, or bounds without a value."""
+    """Prepare the model `name` for a fit to the cells; InputError for an unknown name or empty bounds."""
     check_model(name)
     model = _MODELS[name](cells, shape, setting)
     return _restricted(model, setting)
@@ -343,7 +306,7 @@ def check_model(name: str) -> None:
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """Raise InputError if a fixed or bounded parameter is in no model in `names`, or is fixed outside its bounds."""
+    """Raise InputError if a parameter in an option is in no model in `names`, or is fixed outside its bounds."""
     known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
     for option, given in (("`fixed`", fixed), ("`bounds`", bounds)):
         for parameter in given:
@@ -358,7 +321,6 @@ def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapp
 
 
 def _restricted(model: FitModel, setting: Setting) -> FitModel:
-    """Apply the user's fixed parameters and bounds to a model."""
     fixed = {name: value for name, value in setting.fixed.items() if name in (*model.names, *model.known)}
     keep = [i for i, name in enumerate(model.names) if name not in fixed]
     names = tuple(model.names[i] for i in keep)
@@ -446,7 +408,7 @@ def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
 
 
 def _stiffness(setting: Setting) -> float:
-    """Published stiffness of the bristles, N/m, by (30) of [Park2008]; it has no effect on a steady-state force."""
+    # [Park2008] (30); it has no effect on a steady-state force
     low, high = INITIAL_SPEED_RANGE_KMH
     return published_coefficients(min(max(setting.initial_speed / KMH, low), high), setting.wheel_load)[0]
 
@@ -518,13 +480,12 @@ _MODELS: Mapping[str, Callable[[Cells, Shape, Setting], FitModel]] = MappingProx
 )
 _LAWS = MappingProxyType({name: "bristle" if name == "bristle_rest" else name for name in _MODELS})
 
-SLIDING_ALONE = ("lugre", "bristle_rest")
-"""Models that are fitted only to the sliding regime, which begins at the slip of the highest measured mu."""
+SLIDING_ALONE = ("lugre", "bristle_rest")  #: models that are fitted only to the sliding regime
 
 MODELS = tuple(_MODELS)  #: names of the models that can be fitted
 
+#: models compared for "best"
 CANDIDATES = tuple(name for name in MODELS if name != "bristle_rest")
-"""Models compared for "best"; "bristle_rest" is not compared, because it uses only a part of the data."""
 
 
 def parameter_unit(name: str) -> str:

@@ -1,12 +1,8 @@
 """Compute adhesion coefficients from the rows of a log by an observer, and filter the slip in the same way.
 
-The observed torque is Ta/(tau s + 1), so it is delayed and smoothed. Plotted over the unfiltered slip, the adhesion
-curve would be shifted by tau times the rate of the slip. The slip and its powers therefore pass through the same
-filter. An observed mu is a mean over the slips of a short time. The filtered powers are the moments of these slips,
-which a fit needs (`curves`).
-
-`BrakedRows` are unfiltered rows for prediction-error fits. They contain whole runs, from the application of the brake
-to its release. While there are more rows than `MOST_ROWS`, every second run is dropped.
+The observed torque is delayed and smoothed by the filter 1/(tau s + 1). The slip, its square and its cube pass through
+the same filter, so that observed mu and slip belong together. `BrakedRows` are unfiltered rows for prediction-error
+fits.
 """
 
 from __future__ import annotations
@@ -33,11 +29,7 @@ from .observer import FilterObserver, Form, KalmanObserver, ObserverState, Torqu
 
 
 class Channels:
-    """Filters signals in the same way as an observer filters the adhesion torque.
-
-    Each signal is given to the observer as the brake torque of a wheel at standstill; the estimate is the filtered
-    signal.
-    """
+    """Filters signals in the same way as an observer filters the adhesion torque."""
 
     def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer
@@ -45,23 +37,21 @@ class Channels:
 
     def run(self, time: Floats, channels: Floats) -> Floats:
         """Filter the next samples of the signals, (channels, k), at `time`, s; a first call begins in steady state."""
-        standstill = np.zeros(len(time))
+        standstill = np.zeros(len(time))  # without acceleration, the observer filters its brake torque
         before: list[ObserverState] | list[None] = self._states or [None] * len(channels)
         estimates = [self._observer.run(time, u, standstill, x) for u, x in zip(channels, before, strict=True)]
         self._states = [each.state for each in estimates]
         return np.stack([each.adhesion_torque for each in estimates])
 
 
-_RELEASED = 0.1  # relative fall of the torque within a time constant that counts as a release of the brake
+_RELEASED = 0.1  # relative fall of the torque within a time constant that indicates a release of the brake
 
 
 class Readhesion:
     """Detects readhesion: rows in which the slip falls after the brake is released.
 
-    After a release beyond the peak the slip falls to zero within tenths of a second. The observer is slower, so that
-    its torque is a mean over a large part of the curve. These rows are left out; the adhesion curve is measured only
-    while the slip grows, as in [Park2008] Fig. 13. To find the rows, slip and torque pass through two equal filters in
-    series. A signal falls if it is lower after the first filter than after the second.
+    After a release beyond the peak the slip falls to zero faster than the observer follows. These rows are left out:
+    the adhesion curve is measured only while the slip grows, as in [Park2008] Fig. 13.
     """
 
     def __init__(self, low_pass: TorqueObserver) -> None:
@@ -69,10 +59,8 @@ class Readhesion:
         self._falls_back = False
 
     def add(self, time: Floats, slip: Floats, torque: Floats) -> Flags:
-        """For each of the next rows: True if it belongs to readhesion.
-
-        `time` is in s; the slip ratio and the brake torque, N*m, are unfiltered.
-        """
+        """Return True for each row in readhesion. `time` is in s; `slip` and `torque`, N*m, are unfiltered."""
+        # a signal falls if it is lower after one filter than after two filters in series
         now = self._once.run(time, np.stack([slip, torque]))
         fallen = self._twice.run(time, now) - now
         falls = fallen[0] > 0.0
@@ -87,36 +75,28 @@ class Readhesion:
 
 # --- unfiltered rows -----------------------------------------------------------------------------------------------
 
-
-MOST_ROWS = 20_000  #: most rows kept: about a hundred rig tests at 100 rows a second
+MOST_ROWS = 20_000  #: largest number of rows in a record: about a hundred rig tests at 100 rows a second
 
 _LONGEST_RUN = 4096  # rows; longer runs are split, so that one run cannot fill the record
 
 
 @dataclass(frozen=True)
 class BrakedRows:
-    """Rows under brake, as arrays of one length.
+    """Rows under brake in whole runs, from application to release of the brake; arrays of one length."""
 
-    `time`, s, train `speed`, m/s, `omega` of the wheel, rad/s, brake `torque`, N*m, wheel `load`, N, and number of the
-    `run` to which the row belongs.
-    """
-
-    time: Floats
-    speed: Floats
-    omega: Floats
-    torque: Floats
-    load: Floats
-    run: Floats
+    time: Floats  # s
+    speed: Floats  # of the train, m/s
+    omega: Floats  # of the wheel, rad/s
+    torque: Floats  # of the brake, N*m
+    load: Floats  # of the wheel, N
+    run: Floats  # number of the run
 
     def __len__(self) -> int:
         return len(self.time)
 
 
 class Recorder:
-    """Records rows under brake that arrive in blocks; the record does not depend on the block size.
-
-    One run in every `stride` runs is kept.
-    """
+    """Records rows under brake. One run in every `stride` runs is kept, so that the number of rows is bounded."""
 
     def __init__(self, most_rows: int = MOST_ROWS) -> None:
         self._most = most_rows
@@ -147,78 +127,54 @@ class Recorder:
             self._kept = self._kept[:, self._kept[5] % self.stride == 0]
 
     def record(self) -> BrakedRows:
-        """Return the rows recorded until now."""
         return BrakedRows(*self._kept)
 
 
 # --- statistics of a log -------------------------------------------------------------------------------------------
 
-
 _MOST_NAMED = 5  # gaps that have a warning of their own
-
-
 _MIXED = 1.25  # ratio of the runs' initial speeds beyond which a single v0 does not describe them
 
 
 @dataclass
 class Survey:
-    """Statistics of a log's rows; speeds in m/s, times in s, loads in N.
-
-    - used: number of rows with an adhesion sample. They are under brake, and their slip and speed are in range.
-    - runs: number of runs. A pause between used rows that is longer than the settling time begins a new run.
-    - lost: number of rows under brake within the settling time after a gap or the start.
-    - reversed: number of rows with slip and a brake torque of the wrong sign.
-    - readhesion: number of rows left out because the slip falls after a release of the brake.
-    - backward, forward: number of rows in which the train runs backward, and forward, at more than 5 km/h.
-    - implausible, first_implausible: number of impossible rows, and description of the first.
-    - gaps, gap_count: the first gaps as (line, seconds), and the number of gaps; the observer restarts after each gap.
-    - bridged, longest_bridged: number of long intervals between rows over which the observer continues, and the longest
-      of these intervals.
-    - initial_speed: highest filtered train speed.
-    - slowest_start, fastest_start: lowest and highest initial speed of a run.
-    - interval: median interval between the first rows.
-    - highest_pull: highest magnitude of the brake torque, divided by wheel load and radius.
-    """
+    """Statistics of the rows of a log: numbers of rows, speeds, m/s, times, s, and loads, N."""
 
     rows: int = 0
-    used: int = 0
-    runs: int = 0
-    gaps: list[tuple[int, float]] = field(default_factory=list)
+    used: int = 0  # rows with an adhesion sample: under brake, with slip and speed in range
+    runs: int = 0  # separated by pauses longer than the settling time
+    gaps: list[tuple[int, float]] = field(default_factory=list)  # the first gaps, as (line, seconds)
     gap_count: int = 0
-    implausible: int = 0
-    bridged: int = 0
+    implausible: int = 0  # physically impossible rows
+    bridged: int = 0  # long intervals between rows over which the observer continues
     longest_bridged: float = 0.0
-    lost: int = 0
-    reversed: int = 0
-    backward: int = 0
-    forward: int = 0
-    first_implausible: str = ""
-    initial_speed: float = 0.0
-    interval: float = math.nan
-    slowest_start: float = math.nan
-    fastest_start: float = math.nan
-    load_sum: float = 0.0
-    readhesion: int = 0
-    highest_pull: float = 0.0
+    lost: int = 0  # rows under brake within the settling time after a gap or the start
+    reversed: int = 0  # rows with slip and a brake torque of the wrong sign
+    backward: int = 0  # rows in which the train runs backward at more than 5 km/h
+    forward: int = 0  # rows in which the train runs forward at more than 5 km/h
+    first_implausible: str = ""  # description of the first impossible row
+    initial_speed: float = 0.0  # highest filtered train speed
+    interval: float = math.nan  # median interval between the first rows
+    slowest_start: float = math.nan  # lowest initial speed of a run
+    fastest_start: float = math.nan  # highest initial speed of a run
+    load_sum: float = 0.0  # of the rows used
+    readhesion: int = 0  # rows left out because the slip falls after a release of the brake
+    highest_pull: float = 0.0  # highest magnitude of brake torque over wheel load and radius
 
     @property
     def wheel_load(self) -> float:
-        """Mean wheel load of the rows used, N."""
         return self.load_sum / self.used
 
     @property
     def lost_share(self) -> float:
-        """Share of the rows under brake that is not used, because the observer still settles."""
         return self.lost / max(self.lost + self.used, 1)
 
     @property
     def is_mixed(self) -> bool:
-        """True if the initial speeds of the runs differ too much to be described by one v0."""
         return self.slowest_start * _MIXED < self.fastest_start
 
 
 # --- adhesion over slip --------------------------------------------------------------------------------------------
-
 
 LOWEST_SPEED = 5.0 * KMH  #: lowest train speed used, m/s, as in the published stop; below it noise dominates the slip
 
@@ -226,8 +182,7 @@ DEFAULT_TIME_CONSTANT = 0.05  #: tau of the observer, s, if the log is sampled f
 
 INTERVALS_PER_TIME_CONSTANT = 5.0  #: least default tau, in intervals of the log
 
-SLIP_RANGE = (0.005, 0.98)
-"""Range of slip ratios used. Below it noise of the speeds dominates; above it the wheel is locked."""
+SLIP_RANGE = (0.005, 0.98)  #: slip ratios used: lower ones are dominated by noise, above them the wheel is locked
 
 _GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap if it is not bridged
 
@@ -236,7 +191,7 @@ _GAP_INTERVALS = 5.0  # in median intervals; a longer interval is a gap if it is
 _BRIDGED = 1.0
 
 _SETTLING = 5.0  # time constants after a start until the unknown initial adhesion torque has an effect below 1 %
-LEAST_PULL = 0.02  # of wheel load times radius; with a lower torque the brake counts as released
+LEAST_PULL = 0.02  # of wheel load times radius; with a lower torque the brake is regarded as released
 
 # Physical limits of a row. A wheel far faster than its braked train indicates a wrong unit or column.
 _FASTEST = 200.0  # m/s
@@ -262,10 +217,9 @@ class Observer(StrEnum):
 
 @dataclass(frozen=True)
 class Observed:
-    """Samples of adhesion over slip, SI, arrays of one length; all except `time` pass through the observer's filter.
+    """Samples of adhesion over slip, SI, arrays of one length; all except `time` are filtered by the observer.
 
-    `slip2` is the filtered square of the slip, `slip3` the filtered cube, `slip_speed` the filtered product of slip and
-    train speed.
+    `slip2`, `slip3` and `slip_speed` are the filtered products slip^2, slip^3 and slip times train speed.
     """
 
     time: Floats
@@ -287,9 +241,8 @@ class Observed:
 class AdhesionStream:
     """Computes adhesion samples of a log that arrives in blocks of rows.
 
-    The data of the wheel come from `vehicle`, and also the wheel load if the log has none. `time_constant` is tau of
-    the `observer`, s; None: 0.05 s, or five intervals between rows if that is longer. `add` raises InputError if tau is
-    not above 0.
+    The wheel load of `vehicle` is used if the log has none. `time_constant` is tau of the `observer`, s; None: 0.05 s,
+    or five intervals between rows if that is longer.
     """
 
     def __init__(
@@ -309,11 +262,10 @@ class AdhesionStream:
 
     @property
     def time_constant(self) -> float:
-        """Time constant tau of the observer, s; NaN if it was not given and no rows were added."""
+        """Time constant tau of the observer, s; NaN if it is not given and there are no rows yet."""
         return math.nan if self._tau is None else self._tau
 
     def _begin(self) -> None:
-        """Set up the observer; a time constant that was not given is computed from the interval of the first rows."""
         interval = self.survey.interval
         if self._tau is None:
             self._tau = float(np.fmax(DEFAULT_TIME_CONSTANT, INTERVALS_PER_TIME_CONSTANT * interval))
@@ -326,7 +278,6 @@ class AdhesionStream:
             self._observer = KalmanObserver(J, friction, nominal, 1.0, 0.0, nominal * J**2 / tau**4)
 
     def add(self, rows: Rows) -> Observed:
-        """Process the next rows and return their adhesion samples."""
         line, signals = self._possible(rows)
         time, v, omega, torque, load = signals
         if not len(time):
@@ -344,7 +295,7 @@ class AdhesionStream:
         return _joined([self._stretch(signals[:, a:b], fresh=bool(apart[a])) for a, b in pieces if b > a])
 
     def check(self, name: str) -> None:
-        """Raise InputError if too many rows were impossible or unusable, which indicates wrong columns or units."""
+        """Raise InputError if too many rows are impossible or unusable."""
         survey = self.survey
         if survey.implausible > _TOLERATED_SHARE * (survey.rows + survey.implausible):
             more = f" ({survey.implausible} such rows)" if survey.implausible > 1 else ""
@@ -359,7 +310,7 @@ class AdhesionStream:
             raise InputError(message(which, name=name, survey=survey, of=of, seconds=seconds))
 
     def signals(self, rows: Rows) -> Floats:
-        """Signals of the rows, (5, k): time (s), train speed (m/s), omega (rad/s), brake torque (N*m), load (N)."""
+        """Signals, (5, k): time (s), train speed (m/s), omega (rad/s), brake torque (N*m), load (N)."""
         radius, angular = self.vehicle.wheel.radius, rows.columns.get("wheel_angular_speed")
         self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
@@ -367,7 +318,6 @@ class AdhesionStream:
         return np.stack([rows.columns["time"], rows.columns["train_speed"], omega, rows.columns["brake_torque"], load])
 
     def _possible(self, rows: Rows) -> tuple[Lines, Floats]:
-        """Line numbers and signals of the physically possible rows; impossible rows are counted in the survey."""
         signals, radius = self.signals(rows), self.vehicle.wheel.radius
         _, v, omega, torque, load = signals
         wheel, pressed = radius * omega, load > 0.0
@@ -394,11 +344,10 @@ class AdhesionStream:
         return rows.line[~bad], signals[:, ~bad]
 
     def _braked(self, torque: Floats, load: Floats) -> Flags:
-        """For each row: True if it is under brake, decided by the unfiltered torque."""
         return torque > LEAST_PULL * self.vehicle.wheel.radius * load
 
     def _gaps(self, line: Lines, steps: Floats) -> NDArray[np.intp]:
-        """Indices of the rows at which the observer restarts: the first row of the log, and rows after a gap."""
+        """Return the indices of the rows at which the observer restarts."""
         long = steps > _GAP_INTERVALS * self.survey.interval
         new = np.flatnonzero(long & (steps > _BRIDGED * self.time_constant))
         bridged = steps[long & (steps <= _BRIDGED * self.time_constant)]
@@ -412,7 +361,6 @@ class AdhesionStream:
         return new
 
     def _stretch(self, signals: Floats, *, fresh: bool) -> Observed:
-        """Return the adhesion samples of rows without a gap between them; if `fresh`, the filters restart."""
         assert self._observer is not None
         time, v, omega, torque, load = signals
         radius, survey, (low, high) = self.vehicle.wheel.radius, self.survey, SLIP_RANGE
@@ -477,10 +425,7 @@ class TimeHistory:
 
 
 def time_history_of(record: BrakedRows, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
-    """Time history of the longest run of a record; None for an empty record.
-
-    `time_constant` is that of the observer, s.
-    """
+    """Return the signals of the longest run of a record. The `time_constant`, s, is that of the observer."""
     if not len(record):
         return None
     runs, counts = np.unique(record.run, return_counts=True)

@@ -1,22 +1,7 @@
 """Observers that estimate the adhesion torque Ta from sampled signals, and models of the sensors and their noise.
 
-`FilterObserver` is the observer of [Park2008] (27), (28) and Fig. 11. Torque and speed are assumed linear between
-samples; the first-order filter then has an exact solution. With the interval h between samples, q = h/tau and
-u = B omega + Tb, the corrected estimate y of Ta is
-
-    y[k] = exp(-q) y[k-1] + (1 - exp(-q)) J (omega[k] - omega[k-1])/h + w0 u[k-1] + w1 u[k],
-    w1 = 1 - (1 - exp(-q))/q,  w0 = 1 - exp(-q) - w1.
-
-In the form printed in [Park2008] u is not filtered: w0 = w1 = 0, and the estimate is Ta_hat = y + u.
-
-`KalmanObserver` models Ta as a random walk:
-
-    omega' = (-B omega + Ta - Tb)/J + torque error/J,    Ta' = white noise
-
-The filter has a constant gain ([Astrom1997] 11), which python-control's Riccati solvers compute for the nominal
-interval. The prediction from sample to sample is exact for every interval; the correction uses the constant gain.
-
-`SampledForm` is the recursion of an observer at a constant interval, from which the noise of the estimate is computed.
+`FilterObserver` is the observer of [Park2008] (27), (28) and Fig. 11. `KalmanObserver` models Ta as a random walk. Both
+are exact from sample to sample for measured signals that are linear between samples.
 """
 
 from __future__ import annotations
@@ -49,8 +34,8 @@ __all__ = [
 class Encoder:
     """Incremental encoder; its speed is the difference of two counts over the interval between them.
 
-    This speed is the mean over the interval, so it is half an interval late. The rounding error of each angle is
-    modelled as uniform over one count and independent of the other errors. The model is valid if many counts pass in an
+    The speed is the mean over the interval and therefore half an interval late. The rounding error of each angle is
+    modelled as uniform over one count and independent of other errors, which is valid if many counts pass in an
     interval. `counts` is the number of counts per turn: 4 times the number of lines of an encoder with two tracks.
     InputError for fewer than 1.
     """
@@ -68,14 +53,11 @@ class Encoder:
 
     @property
     def angle_variance(self) -> float:
-        """Variance of the rounding error of one angle, rad^2: `angle_step` squared over 12."""
+        """Variance of the rounding error of one angle, rad^2."""
         return self.angle_step**2 / 12
 
     def speed_variance(self, interval: float) -> float:
-        """Variance of the measured speed, (rad/s)^2, for a sampling interval in s.
-
-        The errors of neighbouring samples are correlated.
-        """
+        """Variance of the measured speed, (rad/s)^2, for a sampling interval in s."""
         return 2 * self.angle_variance / interval**2
 
     def speed(self, time: ArrayLike, angle: ArrayLike) -> Floats:
@@ -91,8 +73,8 @@ class Encoder:
 class TorqueSensor:
     """Torque sensor with white noise and a finite resolution, N*m.
 
-    `noise` >= 0 is the standard deviation of a sample: noise of the electronics, and ripple that does not act on the
-    wheel. `resolution` >= 0 is the step of the readings. InputError for a number out of range.
+    `noise` >= 0 is the standard deviation of a sample, `resolution` >= 0 the step of the readings. InputError for a
+    number out of range.
     """
 
     noise: float
@@ -120,11 +102,9 @@ class TorqueSensor:
 def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Floats:
     """Compute x[k] = transition[k] x[k-1] + forcing[k] for all k, with x[-1] = initial.
 
-    Shapes: `transition` (k, n, n), `forcing` (k, n), `initial` (n,), result (k, n). The steps are divided into blocks.
-    For all blocks in parallel, the response from a zero initial state and the product of the transitions are computed.
-    A pass over the blocks then adds the effect of their initial states. The method does not divide, so that rounding
-    errors stay small if the transitions are stable.
+    Shapes: `transition` (k, n, n), `forcing` (k, n), `initial` (n,), result (k, n).
     """
+    # first for all blocks in parallel from a zero initial state, then block by block for the initial states
     rows, n = forcing.shape
     length = max(math.isqrt(rows), 1)
     blocks = -(-rows // length)
@@ -146,13 +126,13 @@ def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Fl
 
 
 def phi(q: Floats) -> Floats:
-    """Return (1 - exp(-q))/q, with the limit 1 at q = 0: the mean of exp(-q x) over 0 < x < 1."""
+    """Return (1 - exp(-q))/q, with the limit 1 at q = 0."""
     small = np.abs(q) < 1e-8
     return np.where(small, 1.0 - q / 2, -np.expm1(-q) / np.where(small, 1.0, q))
 
 
 def mean_phi(q: Floats) -> Floats:
-    """Return (1 - phi(q))/q, with the limit 1/2 at q = 0: the mean of (1 - exp(-q x))/q over 0 < x < 1."""
+    """Return (1 - phi(q))/q, with the limit 1/2 at q = 0."""
     small = np.abs(q) < 1e-4  # the difference would cancel here; the series is exact to 1e-12
     return np.where(small, 0.5 - q / 6 + q**2 / 24, (1.0 - phi(q)) / np.where(small, 1.0, q))
 
@@ -161,8 +141,7 @@ def mean_phi(q: Floats) -> Floats:
 class NoiseGains:
     """Variance of the estimate Ta_hat, (N*m)^2, if one measured signal has white noise of variance 1 (SI).
 
-    The noise is on every sample of the measured `torque`, of the measured `speed`, or of the `angle` of an encoder that
-    computes the speed from differences of angles.
+    The noise is on the measured `torque`, on the measured `speed`, or on the `angle` of an encoder.
     """
 
     torque: float
@@ -174,8 +153,8 @@ class NoiseGains:
 class SampledForm:
     """Recursion of an observer at a constant sampling `interval`, s, with the input u = (Tb, omega).
 
-    The state is x[k] = F x[k-1] + P u[k-1] + Q u[k], the estimate Ta_hat = C x + D u. `F` is (n by n), `P` and `Q`
-    (n by 2), `C` (n), `D` (2).
+    The state is x[k] = F x[k-1] + P u[k-1] + Q u[k], the estimate Ta_hat = C x + D u. `F` is (n by n), `P` and `Q` (n
+    by 2), `C` (n), `D` (2).
     """
 
     F: Floats
@@ -186,7 +165,7 @@ class SampledForm:
     interval: float
 
     def noise_gains(self) -> NoiseGains:
-        """Return the noise gains, which are squared H2 norms from each signal to Ta_hat, by a Lyapunov equation."""
+        """Return the noise gains: squared H2 norms from each signal to Ta_hat."""
         at_once = self.C @ self.Q + self.D
         after = self.F @ self.Q + self.P  # the impulse response for k >= 1 is C F^(k-1) after
         torque, speed = (at_once[i] ** 2 + self._energy(after[:, i]) for i in range(2))
@@ -195,14 +174,13 @@ class SampledForm:
         return NoiseGains(float(torque), float(speed), float(angle / self.interval**2))
 
     def _energy(self, start: Floats) -> float:
-        """Return the sum of (C F^k start)^2 over k >= 0."""
         from scipy.linalg import solve_discrete_lyapunov
 
         return float(self.C @ solve_discrete_lyapunov(self.F, np.outer(start, start)) @ self.C)
 
 
 def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -> float:
-    """Return the standard deviation of Ta_hat, N*m, that noise of `encoder` and `sensor` causes in observer `form`."""
+    """Standard deviation of Ta_hat, N*m, due to noise of `encoder` and `sensor`, for an observer `form`."""
     gains = form.noise_gains()
     return math.sqrt(gains.angle * encoder.angle_variance + gains.torque * sensor.variance)
 
@@ -240,8 +218,7 @@ def checked_samples(
 ) -> tuple[Floats, Floats]:
     """Check samples; return the times, and an array (k, 2) of torque and speed.
 
-    Times must increase, and be later than `after`, s, if that is not None. InputError names the first invalid row,
-    counted from 0.
+    Times must increase and be later than `after`, s, if that is not None. InputError names the first invalid row.
     """
     columns = {name: np.asarray(x, dtype=float) for name, x in (("time", time), ("torque", torque), ("omega", omega))}
     t = columns["time"]
@@ -265,17 +242,14 @@ _AT_ONCE = 1 << 16  # rows processed together; this bounds the memory and fits i
 
 
 class TorqueObserver(ABC):
-    """Base class of the observers.
-
-    `inertia` and `viscous_friction` are J and B of the wheel, including the vehicle's inertia scale.
-    """
+    """Base class of the observers; `inertia` and `viscous_friction` of the wheel include the inertia scale."""
 
     inertia: float
     viscous_friction: float
 
     @abstractmethod
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
-        """Return the transfer functions to Ta_hat from measured torque (ratio) and from measured speed (N*m*s).
+        """Transfer functions to Ta_hat from measured torque (ratio) and measured speed (N*m*s).
 
         They are evaluated at the complex frequencies `s`, rad/s, 1-D.
         """
@@ -286,7 +260,7 @@ class TorqueObserver(ABC):
 
     @abstractmethod
     def _at_rest(self, omega: float, steady: float) -> Floats:
-        """Return the state x in which speed and estimate are constant at `omega`, rad/s, and `steady`, N*m."""
+        """Return the state x with constant speed `omega`, rad/s, and constant estimate `steady`, N*m."""
 
     @abstractmethod
     def _after(self, x: Floats, h: Floats, before: Floats, now: Floats) -> tuple[Floats, Floats]:
@@ -301,9 +275,8 @@ class TorqueObserver(ABC):
         """Estimate the adhesion torque from samples at regular or irregular intervals; arrays of one length.
 
         `time`, s, 1-D, must increase; `torque`, N*m, 1-D, and `omega`, rad/s, 1-D, are as measured. Without `state` the
-        observer assumes a constant wheel speed at the first sample. With the `state` after an earlier call it
-        continues from there; a log that is passed in parts therefore gives the same estimates as the whole log.
-        InputError for samples that are not finite or not in order.
+        wheel speed is assumed constant at the first sample; with the `state` after an earlier call the estimation
+        continues. InputError for samples that are not finite or not in order.
         """
         t, u = checked_samples(time, torque, omega, after=None if state is None else state.time)
         out, begin = np.empty(t.size), 0
@@ -334,12 +307,16 @@ class Form(StrEnum):
 
 @dataclass(frozen=True)
 class FilterObserver(TorqueObserver):
-    """Published observer of the adhesion torque.
+    """Published observer of the adhesion torque, [Park2008] (27), with an exact solution from sample to sample.
 
-    The disturbance torque Td and the random adhesion torque Tr are not measured, so that the corrected estimate is
-    (Ta + Tr - Td)/(tau s + 1). `inertia` J (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) include the vehicle's
-    inertia scale, `time_constant` is tau (s, > 0), and `form` is printed or corrected. InputError for a number out of
-    range.
+    With the interval h between samples, q = h/tau and u = B omega + Tb, the corrected estimate y of Ta is
+
+        y[k] = exp(-q) y[k-1] + (1 - exp(-q)) J (omega[k] - omega[k-1])/h + w0 u[k-1] + w1 u[k],
+        w1 = 1 - (1 - exp(-q))/q,  w0 = 1 - exp(-q) - w1.
+
+    In the printed form w0 = w1 = 0, and the estimate is y + u. `inertia` J (kg m^2, > 0) and `viscous_friction` B
+    (N*m*s, >= 0) include the vehicle's inertia scale, `time_constant` is tau (s, > 0), and `form` is printed or
+    corrected. InputError for a number out of range.
     """
 
     inertia: float
@@ -354,7 +331,7 @@ class FilterObserver(TorqueObserver):
 
     @classmethod
     def of(cls, vehicle: Vehicle, time_constant: float, form: Form = Form.CORRECTED) -> Self:
-        """Return the observer for the wheel of `vehicle`, with the vehicle's inertia scale; `time_constant` in s."""
+        """Return the observer for the wheel of `vehicle`; `time_constant` in s."""
         return cls(vehicle.effective_inertia, vehicle.effective_viscous_friction, time_constant, form)
 
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
@@ -373,11 +350,6 @@ class FilterObserver(TorqueObserver):
         return SampledForm(1 - share[:, None], before, now, np.ones(1), direct, interval)
 
     def _weights(self, h: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the share of the filter's state that decays in an interval h, s, and two weights of u.
-
-        u is the brake torque plus B omega, weighted at the start and at the end of the interval. The form printed in
-        [Park2008] (27) does not filter u, so that both weights are 0.
-        """
         q = h / self.time_constant
         share = -np.expm1(-q)
         if self.form is Form.PRINTED:
@@ -398,7 +370,6 @@ class FilterObserver(TorqueObserver):
 
 # --- the Kalman filter -----------------------------------------------------------------------------------------------
 
-
 # Largest accepted residual of a Riccati equation, relative to the sum of its terms' magnitudes. Correct solutions have
 # 1e-10 or less; wrong solutions have no correct digit.
 _LARGEST_RESIDUAL = 1e-6
@@ -407,10 +378,10 @@ _LARGEST_RESIDUAL = 1e-6
 def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool) -> Floats:
     """Solve the Riccati equation of a Kalman filter for the covariance P of its error; the first state is measured.
 
-    `A` is the matrix of the states, `driven` the noise that drives them, `noise` that of the measurement C x, with
-    C = (1, 0, ...). In continuous time, A P + P A' - P C' C P/noise + driven = 0. If `sampled`, P just before a sample
-    is P = A (P - P C' C P/(C P C' + noise)) A' + driven. The solvers return numbers for any input. The solution is
-    therefore checked; InputError if it is wrong.
+    `A` is the matrix of the states, `driven` the noise that drives them, `noise` that of the measurement C x, where C
+    is (1, 0, ...). In continuous time, A P + P A' - P C' C P/noise + driven = 0. If `sampled`, the covariance just
+    before a sample is P = A (P - P C' C P/(C P C' + noise)) A' + driven. InputError if no valid solution can be
+    computed.
     """
     import control
 
@@ -439,15 +410,16 @@ def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool)
 
 @dataclass(frozen=True)
 class KalmanObserver(TorqueObserver):
-    """Kalman filter that estimates the adhesion torque Ta of a wheel.
+    """Kalman filter that estimates the adhesion torque Ta of a wheel, with a constant gain ([Astrom1997] 11).
+
+    The model is omega' = (-B omega + Ta - Tb)/J with noise on Tb, and Ta' = white noise.
 
     - inertia, viscous_friction: J, kg m^2, > 0, and B, N m s, >= 0, of the wheel, with the vehicle's inertia scale.
-    - interval: nominal sampling interval, s, > 0.
+    - interval: nominal sampling interval, s, > 0, for which the gain is computed.
     - speed_variance, torque_variance: noise variance of a sample, (rad/s)^2, > 0, and (N*m)^2, >= 0.
     - walk: intensity of the white noise that drives Ta, (N*m)^2/s, > 0.
 
-    A disturbance torque is estimated as a part of Ta. InputError for a number out of range, and if the noises are so
-    different that the gains cannot be computed.
+    InputError for a number out of range, and if the noises are so different that the gains cannot be computed.
     """
 
     inertia: float
@@ -470,10 +442,9 @@ class KalmanObserver(TorqueObserver):
     ) -> Self:
         """Return the Kalman filter for a vehicle's wheel and its sensors.
 
-        The rounding errors of the `encoder` are modelled as white noise of the speed. In fact these errors cancel at
-        low frequencies; the weight of the measured speed is therefore below the optimum. The `sensor` gives the noise
-        variance of the torque. `interval` is the sampling interval, s. Ta is expected to change by `change` (N*m, one
-        standard deviation) within the time `within` (s), so that `walk` is change^2/within.
+        The `encoder` gives the noise variance of the speed, and the `sensor` that of the torque. `interval` is the
+        sampling interval, s. Ta is expected to change by `change` (N*m, one standard deviation) within the time
+        `within` (s), so that `walk` is change^2/within.
         """
         number("change", change, "N*m", gt=0)
         number("within", within, "s", gt=0)
@@ -494,18 +465,13 @@ class KalmanObserver(TorqueObserver):
 
     @cached_property
     def driving_noise(self) -> Floats:
-        """Intensity, (2, 2), of the white noise on x', where x = (omega, Ta).
-
-        The noise of the sampled torque acts like white noise of intensity torque_variance * interval.
-        """
+        """Intensity, (2, 2), of the white noise on x', where x = (omega, Ta)."""
         return np.diag([self.torque_variance * self.interval / self.inertia**2, self.walk])
 
     @cached_property
     def continuous_gain(self) -> Floats:
-        """Gain L, shape (2,), of x_hat' = A x_hat + b Tb + L (y - omega_hat), where y is the measured speed.
-
-        The noise of the sampled speed acts like white noise of intensity speed_variance * interval.
-        """
+        """Gain L, (2,), of x_hat' = A x_hat + b Tb + L (y - omega_hat); y is the measured speed."""
+        # noise of the samples acts like white noise of intensity speed_variance * interval
         noise = self.speed_variance * self.interval
         return np.asarray(steady_covariance(self.model[0], self.driving_noise, noise, sampled=False)[:, 0] / noise)
 
@@ -545,7 +511,6 @@ class KalmanObserver(TorqueObserver):
         return SampledForm(transition, before, now, np.array([0.0, 1.0]), np.zeros(2), interval)
 
     def _recursion(self, h: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the matrices F, P and Q of `SampledForm` for each interval in `h`, s: (k, 2, 2) each."""
         q, by_torque = self.viscous_friction / self.inertia * h, h / self.inertia
         transition, before, now = np.zeros((3, len(h), 2, 2))
         transition[:, 0, 0], transition[:, 0, 1], transition[:, 1, 1] = np.exp(-q), by_torque * phi(q), 1.0

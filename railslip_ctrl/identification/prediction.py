@@ -1,26 +1,8 @@
 """Prediction-error fits: predict each row's wheel speed from the row before, and minimise the errors.
 
 A random force on the wheel also changes its slip. A curve fitted to force over slip is therefore too flat where the
-adhesion characteristic is steep. A prediction of the wheel speed one interval ahead avoids this bias, because the
-present slip does not depend on the coming force. Let w be the random force (white, constant between rows), n the noise
-of the measured wheel speed, and A the factor by which a deviation of the wheel speed shrinks over an interval. The
-error of a prediction is then
-
-    e[k] = n[k+1] - A[k] n[k] + g[k] w[k],
-
-where g is r/J times the interval, or less if the deviation decays within the interval. The covariance of the errors is
-tridiagonal. The variances of w and n are estimated by maximum likelihood, and the sum of the squared whitened errors is
-minimised. If the random force is correlated over several rows, the present slip depends on a part of the coming force,
-and a bias remains where the characteristic is steep. The long-run variance of the whitened errors shows part of this
-bias and widens the intervals of the parameters.
-
-In the bristle model, the deflection z of the bristles is integrated along the measured slip; for a given slip, z' is
-linear in z. The unknown value of z at the start of each run is fitted with the parameters.
-
-Between rows, brake torque and train speed are interpolated by parabolas through neighbouring rows. The torque of a
-released brake decays so fast that the mean of its values at both ends of an interval is 1 % too high; with this mean,
-the fitted adhesion would fall too little. The curvature of the train's speed matters where the characteristic is steep,
-because the slip is small there.
+adhesion characteristic is steep. A prediction of the wheel speed one interval ahead has no such bias, because the
+present slip does not depend on the coming force, if this force is not correlated over several rows.
 """
 
 from __future__ import annotations
@@ -46,8 +28,8 @@ from .models import FitModel, Setting, spline
 from .observed import BrakedRows
 from .observer import linear_recursion, mean_phi, phi
 
+#: models whose force is a function of slip and speed, fitted over the whole range of slip
 STATIC = ("beam", "polach", "burckhardt", "curve", "table")
-"""Models whose force is a function of slip and speed, fitted over the whole range of slip."""
 
 DYNAMIC = ("bristle",)  #: models with a state
 
@@ -70,26 +52,18 @@ _SPLINE_REACH = 0.005  # slip by which the spline extends beyond the record's hi
 
 
 class Errors(NamedTuple):
-    """Prediction errors of the wheel speed, rad/s; arrays with one entry for each interval between rows.
-
-    `decay` is the factor by which a deviation of the wheel speed shrinks over the interval. `start` is the derivative
-    of the error with respect to the bristles' deflection at the start of the run, None for a static model.
-    """
+    """Prediction errors of the wheel speed, rad/s; arrays with one entry for each interval between rows."""
 
     error: Floats
-    decay: Floats
-    start: Floats | None
+    decay: Floats  # factor by which a deviation of the wheel speed shrinks over the interval
+    start: Floats | None  # derivative by the deflection of the bristles at the start of the run
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """Intervals between neighbouring rows of a run; SI, arrays of one length.
+    """Intervals between neighbouring rows; names with 0: values at the beginning, names with 1: at the end. SI."""
 
-    Names with 0 are values at the beginning of the interval, names with 1 values at its end. `step` is the length of
-    the interval, `time` its end. `speed_bend` is the second derivative of the train's speed times `step` squared, m/s.
-    """
-
-    step: Floats
+    step: Floats  # length of the interval
     speed0: Floats
     speed1: Floats
     omega0: Floats
@@ -97,13 +71,12 @@ class Intervals:
     torque0: Floats
     torque1: Floats
     load: Floats
-    time: Floats
+    time: Floats  # end of the interval
     run: Integers
-    speed_bend: Floats
+    speed_bend: Floats  # second derivative of the train speed times `step` squared, m/s
 
     @classmethod
     def of(cls, record: BrakedRows) -> Intervals:
-        """Return the intervals between the rows of a record."""
         same = np.diff(record.run) == 0
         v0, omega0, torque0 = (x[:-1][same] for x in (record.speed, record.omega, record.torque))
         v1, omega1, torque1, time = (x[1:][same] for x in (record.speed, record.omega, record.torque, record.time))
@@ -118,18 +91,15 @@ class Intervals:
         """Return the intervals with curvature: `speed_bend` is set, and the torques have the mean of a parabola.
 
         A parabola passes through both ends of the interval, and through the row before or the row after the interval.
-        The flatter of these two parabolas is used, because it does not cross a corner of the signal. If `steeper`, the
-        other one is used; it bounds the effect of a corner between two rows.
+        The flatter of the two is used, because it does not cross a corner of the signal. If `steeper`, the steeper one
+        is used.
         """
+        # the torque of a released brake decays so fast that the mean of its values at both ends is 1 % too high
         excess = self._curvature(self.torque0, self.torque1, steeper=steeper) / 12.0
         bend = self._curvature(self.speed0, self.speed1, steeper=steeper)
         return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess, speed_bend=bend)
 
     def _curvature(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
-        """Second derivative of a signal, times the interval squared; 0 for a run of one interval.
-
-        `begin` and `end` are the values of the signal at the beginning and the end of each interval.
-        """
         slope = (end - begin) / self.step
         bend = np.full(len(self) + 1, np.nan)  # at the rows between two intervals; unknown at both ends of a run
         bend[1:-1] = 2.0 * np.diff(slope) / (self.step[1:] + self.step[:-1])
@@ -142,7 +112,6 @@ class Intervals:
 
     @property
     def begins(self) -> Flags:
-        """True for the first interval of each run."""
         return np.asarray(np.diff(self.run, prepend=-1) != 0)
 
 
@@ -164,7 +133,6 @@ class PredictionErrors:
     # --- one interval ahead -----------------------------------------------------------------------------------------
 
     def errors(self, values: Floats) -> Errors:
-        """Prediction errors of the model with the parameter `values`."""
         return self._bristles(values)[0] if self.model.name in DYNAMIC else self._static_errors(values)
 
     def _force(self, values: Floats, sigma: Floats, v: Floats) -> Floats:
@@ -176,7 +144,6 @@ class PredictionErrors:
         return np.asarray(np.sign(sigma) * force)
 
     def _curve(self, values: tuple[float, ...]) -> Any:
-        """Spline of mu over the root of the slip, for a model that does not depend on speed; the last one is cached."""
         from scipy.interpolate import CubicSpline
 
         if self._spline is None or self._spline[0] != values:
@@ -186,12 +153,8 @@ class PredictionErrors:
         return self._spline[1]
 
     def _static_errors(self, values: Floats) -> Errors:
-        """Prediction errors of a static model, by the exponential Rosenbrock method of order 2.
-
-        The method is exact if adhesion is linear in slip, and torque and train speed are linear in time. The integrated
-        state is sigma instead of omega: where the characteristic is steep, the wheel follows the train at once, so that
-        omega changes much and sigma hardly changes.
-        """
+        # Exponential Rosenbrock method of order 2, exact if adhesion is linear in slip, and torque and train speed in
+        # time. It integrates sigma instead of omega, which changes much where the characteristic is steep.
         i = self.intervals
         h = i.step / self._substeps
         dv, dtorque = (i.speed1 - i.speed0) / self._substeps, (i.torque1 - i.torque0) / self._substeps
@@ -213,7 +176,7 @@ class PredictionErrors:
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
 
     def followed(self, values: Floats) -> Floats:
-        """Slip ratio and mu of the bristle model along the measured motion, as means in cells of slip, (2, cells)."""
+        """Slip ratio and mu of the bristle model along the motion, as means in cells of slip, (2, cells)."""
         errors, sigma, mean, left = self._bristles(values)
         assert errors.start is not None
         assert self._factor is not None, "set_variances comes first"
@@ -233,11 +196,8 @@ class PredictionErrors:
         return alpha, beta, gamma
 
     def _bristles(self, values: Floats) -> tuple[Errors, Floats, Floats, Floats]:
-        """Integrate z' = sigma - alpha beta |sigma| z/(gamma - |sigma|), with the mean sigma of each interval.
-
-        Returns the prediction errors, sigma, the mean of z in each interval if z = 0 at the start of the run, and the
-        derivative of this mean with respect to z at the start of the run.
-        """
+        # z' = sigma - alpha beta |sigma| z/(gamma - |sigma|) for the deflection z of the bristles, with the mean sigma
+        # of each interval; the last result is the derivative of the mean z by z at the start of the run
         i = self.intervals
         alpha, beta, gamma = self._values(values)
         v, omega = (i.speed0 + i.speed1) / 2, (i.omega0 + i.omega1) / 2
@@ -262,10 +222,9 @@ class PredictionErrors:
     # --- whitening --------------------------------------------------------------------------------------------------
 
     def set_variances(self, values: Floats) -> None:
-        """Estimate the variances of random force and sensor noise, with which `residuals` whitens the errors.
+        """Set the variances of random force and sensor noise to their maximum-likelihood estimates.
 
-        They are the maximum-likelihood estimates for the parameter `values`. A search finds the ratio of the two
-        variances; their common factor follows from the ratio.
+        `residuals` whitens the errors with them.
         """
         from scipy.optimize import minimize_scalar
 
@@ -284,15 +243,11 @@ class PredictionErrors:
         self._factor = factor * scale
 
     def _covariance_bands(self, A: Floats) -> tuple[Floats, Floats]:
-        """Two banded covariances of the errors: due to a random force, and due to sensor noise, each of variance 1.
-
-        `A` is the factor by which a deviation of the wheel speed shrinks over each interval. The variance of the force
-        is that of its effect on the wheel speed.
-        """
+        # e[k] = n[k+1] - A[k] n[k] + gain[k] w[k], with noise n of the measured wheel speed and random force w
         i = self.intervals
         # the force is constant over a nominal interval; over a longer interval the variance of its mean is smaller
         gain = phi(-np.log(np.clip(A, 1e-12, 1e12))) * np.sqrt(i.step / np.median(i.step))
-        force, sensor = np.zeros((2, len(i))), np.zeros((2, len(i)))
+        force, sensor = np.zeros((2, len(i))), np.zeros((2, len(i)))  # bands of the covariances, for variance 1
         force[0], sensor[0] = gain**2, 1 + A**2
         sensor[1, :-1] = np.where(i.begins[1:], 0.0, -A[1:])
         return force, sensor
@@ -312,10 +267,7 @@ class PredictionErrors:
         return np.asarray(dtbsv(1, factor, np.asarray_chkfinite(x), lower=1))
 
     def _without_start(self, error: Floats, start: Floats | None) -> Floats:
-        """Errors that remain if each run starts with the best-fitting deflection of the bristles.
-
-        `start` is the derivative of the errors with respect to this deflection; None: the errors stay unchanged.
-        """
+        """Errors that remain if each run starts with the best-fitting deflection of the bristles."""
         if start is None:
             return error
         run = self.intervals.run
@@ -341,7 +293,7 @@ class PredictionErrors:
         return best, self.residuals(values(best))
 
     def maximum_likelihood(self, start: Floats) -> tuple[float, Floats, float]:
-        """Fit from one set of starting values.
+        """Fit from the starting values `start`.
 
         Returns -2 log likelihood up to a constant, the best values, and the long-run variance of the whitened errors.
         """
@@ -350,7 +302,7 @@ class PredictionErrors:
 
     @property
     def deviance(self) -> float:
-        """-2 log likelihood, up to a constant, of the parameter values last given to `set_variances`."""
+        """-2 log likelihood, up to a constant, of the values last given to `set_variances`."""
         # the factor includes the common scale, so the sum of the whitened squares is constant
         assert self._factor is not None, "set_variances comes first"
         return 2.0 * float(np.sum(np.log(self._factor[0])))
@@ -366,12 +318,10 @@ class PredictionErrors:
         return float(np.sum(self.errors(coordinates.values(x)).error ** 2)), x
 
     def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:
-        """Shifts of the best coordinates `x` that other assumptions about the motion between rows would cause.
+        """Shifts of the best coordinates `x` under other assumptions about the motion between rows.
 
-        - Curvature of torque and train speed: one shift for straight lines instead of parabolas, and one for the
-          steeper parabola in each interval, as if the brake were released between rows.
-        - Integration step of a static model: Richardson's estimate of order 2. The deflection of the bristles is
-          integrated exactly and needs no such shift.
+        They are due to straight lines instead of parabolas, to the steeper parabola in each interval, and, for a static
+        model, to the integration step (Richardson's estimate of order 2).
         """
         values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
         here, intervals = self.residuals(values), self.intervals
@@ -392,7 +342,6 @@ _ZERO = np.zeros(1)
 
 
 def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
-    """Banded Cholesky factor of the errors' covariance; `ratio`: variance of sensor noise over that of the force."""
     from scipy.linalg import cholesky_banded
 
     force, sensor = bands
@@ -400,7 +349,6 @@ def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
 
 
 # --- prediction-error fit, starting from a fit to the cells --------------------------------------------------------
-
 
 _LEAST_ROWS = 4  # least rows between two knots of a table; rapidly growing slip leaves gaps between the rows
 _STRETCH = 10.0  # shortest stretch over which errors are summed, in intervals
@@ -420,8 +368,8 @@ def prediction_error_fit(
 ) -> Fit:
     """Refit a model by minimising the prediction errors, starting from `first`, its fit to the cells.
 
-    Returns `first` if `has_prediction_errors` is false. `profiles` is as in `fits.fit`. InputError if the model cannot
-    reproduce the motion of the wheel in the log.
+    Returns `first` if `has_prediction_errors` is false. InputError if the model cannot reproduce the motion of the
+    wheel.
     """
     if not has_prediction_errors(first.model, record):
         return first
@@ -462,7 +410,7 @@ def _refitted(first: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, se
 
 
 def _knots_with_rows(knots: Floats, slip: Floats) -> list[int]:
-    """Indices of a table's knots that have enough rows between them; the last knot is always kept."""
+    """Indices of the knots with enough rows between them; the last knot is always kept."""
     kept = [0]
     for i in range(1, len(knots)):
         if np.count_nonzero((slip > knots[kept[-1]]) & (slip <= knots[i])) >= _LEAST_ROWS:
@@ -514,7 +462,7 @@ def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: floa
 def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitModel, float | None]:
     """Add to a model the slip acceleration R for which its peak is computed, and a note about R.
 
-    Returns the model and the standard deviation of R from run to run, None if it is not known.
+    Returns the model and the standard deviation of R from run to run, None if not known.
     """
     R, source, spread = setting.given_acceleration, "as given", None
     if R is None:

@@ -26,13 +26,12 @@ from .models import FitModel, spline
 
 @dataclass(frozen=True)
 class Regimes:
-    """Regimes of slip: adhesion below the slip ratio `boundary`, sliding above it; `source` describes the boundary."""
+    """Adhesion below the slip ratio `boundary`, sliding above it; `source` says where the boundary comes from."""
 
     boundary: float
     source: str
 
     def of(self, slip: Floats) -> NDArray[np.str_]:
-        """Regime of each slip ratio: "adhesion" or "sliding"."""
         return np.where(slip < self.boundary, "adhesion", "sliding")
 
     def errors(self, score: Score) -> tuple[float, float]:
@@ -46,22 +45,18 @@ class Regimes:
 
 
 def regimes_of(peak: float, model: str, cells: Cells, otherwise: Regimes) -> Regimes:
-    """Regimes that meet at the `peak` (slip ratio) of a model; `otherwise` if the log has no larger slips."""
+    """Regimes with the `peak` (slip ratio) of a model as boundary; `otherwise` if the log has no larger slips."""
     if peak <= float(cells.slip.max()):  # false for NaN
         return Regimes(peak, f"the peak of {model}")
     return otherwise
 
 
 def regimes_of_data(cells: Cells) -> Regimes:
-    """Regimes that meet at the slip of the highest measured mu, used if no model has a peak.
-
-    On a flat curve the position of the highest mu depends on noise.
-    """
+    """Regimes with the slip of the highest measured mu as boundary."""
     return Regimes(peak_slip(cells), "the highest mean mu of the log")
 
 
 # --- fits side by side, as [Park2008] Table 3 ------------------------------------------------------------------------
-
 
 _LEAST_BY_PARAMETER = 2.0  # least independent samples for each parameter; AIC and BIC assume many samples
 
@@ -70,18 +65,16 @@ _LEAST_BY_PARAMETER = 2.0  # least independent samples for each parameter; AIC a
 class Score:
     """Goodness of a fit: error of mu in each bin of slip, and the information criteria `aic` and `bic`.
 
-    `bin_error` is |mean mu of the samples - mean mu of the model| in the bin with the mean slip ratio `bin_slip`. A
-    lower `aic` or `bic` is better. Both use the number of `independent` samples. It follows from the long-run variance
-    of the noise, and is at least the number of stretches of time used for this variance. As the noise is the residual
-    of the best model, only criteria from one call of `compare` can be compared.
+    A lower criterion is better. Only criteria from one call of `compare` can be compared, because they use the noise of
+    the best model in this call.
     """
 
     fit: Fit
-    bin_slip: Floats
-    bin_error: Floats
+    bin_slip: Floats  # mean slip ratio of each bin
+    bin_error: Floats  # |mean mu of the samples - mean mu of the model| in each bin
     aic: float
     bic: float
-    independent: float
+    independent: float  # number of independent samples
 
     @property
     def mean_abs_error(self) -> float:
@@ -114,9 +107,9 @@ FALSE_MISFIT = 0.01  #: significance level of the lack-of-fit test: at most this
 def misfit_probability(fit: Fit, table: Fit) -> float:
     """p-value of the F test whether a formula fits the log as well as a table does.
 
-    F is the deviance (-2 log likelihood) of the formula minus that of the table, divided by the number of additional
-    parameters of the table and by the long-run variance of its whitened errors; a variance below 1 counts as 1. NaN if
-    a prediction-error fit is missing or the table has no additional parameters.
+    F is the deviance of the formula minus that of the table, divided by the number of additional parameters of the
+    table and by the long-run variance of its whitened errors (at least 1). NaN if a prediction-error fit is missing or
+    the table has no additional parameters.
     """
     from scipy.stats import f
 
@@ -145,7 +138,6 @@ def criteria_note(scores: Sequence[Score]) -> str:
 
 
 def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
-    """For each bin with samples: mean slip ratio, and |mean mu of the samples - mean mu of the model|."""
     index = np.minimum((cells.slip * BINS).astype(np.int64), BINS - 1)
     n = np.bincount(index, cells.count, minlength=BINS)
     full = n > 0
@@ -156,20 +148,16 @@ def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
 
 # --- peak slip, its uncertainty, and the reference slip --------------------------------------------------------------
 
-
 QUANTILE = 1.959963984540054  #: half width of a normal 95 % interval in standard errors, used for the peak
 
 LARGEST_LOSS = 0.02  #: largest share of the peak adhesion that a reference slip loses because the peak is uncertain
 
+# Largest ratio of reference slip to peak slip: a slip 25 % above the reference slip, the default tolerance of an
+# envelope, does not pass the peak, where the slip pole changes sign.
 OFF_THE_PEAK = 0.8
-"""Largest ratio of reference slip to peak slip.
-
-At the peak the slip pole changes sign, so margins computed there are not valid at a slightly larger slip. With this
-ratio the slip reaches the peak if it is 25 % above the reference slip, the default tolerance of an envelope.
-"""
 
 _UNKNOWN = (math.nan, math.nan)
-_LOWEST_SLIP = 1e-5  # slip ratio; a law with a peak at a lower slip counts as falling from slip 0
+_LOWEST_SLIP = 1e-5  # slip ratio; a law with a peak at a lower slip is assumed to fall from slip 0
 _STEP = 0.1  # difference step for the peak's derivatives, in standard errors, or sizes of a coordinate if less
 _PEAK_POINTS = 2000  # slips among which a table's peak is searched, 0.3 % apart
 _UNRESOLVED = 0.25  # of the distance between knots: resolution of the spline's peak
@@ -180,49 +168,39 @@ _LEAST_STEP = 1e-5  # least relative difference step; for smaller steps the peak
 
 @dataclass(frozen=True)
 class PeakSlip:
-    """Adhesion peak at a `speed`, m/s, on a `rail`: its `slip` ratio, NaN for a law without peak, and its mu.
+    """Adhesion peak at a `speed`, m/s, on a `rail`: slip ratio and mu with 95 % intervals, and the reference slip.
 
-    - slip_interval, coefficient_interval: 95 % intervals of slip and mu. For a formula they follow from the covariance
-      of the fit by the delta method, and from the scatter of the slip acceleration if the peak depends on it. If the
-      formula does not fit better than a table, they are widened to contain the intervals of the table's peak. The upper
-      ends are infinite if the log does not go past the peak.
-    - reference, reference_coefficient: reference slip, and mu at this slip. The wheel is unstable beyond the peak; the
-      reference slip is therefore the lower end of the peak's 99 % interval. If adhesion there is more than
-      `LARGEST_LOSS` below its peak, the reference slip is where the loss is `LARGEST_LOSS`. It is at most
-      `OFF_THE_PEAK` times the peak slip.
-    - by_rule: true if a law fitted on dry rail was converted to wet rail by the law's rule; the intervals are then NaN.
-    - extrapolated: true if `speed` is outside the initial speeds of the log.
+    If a formula does not fit better than a table, the intervals contain those of the table's peak. The reference slip
+    is the lower end of the peak's 99 % interval, or the slip with a loss of `LARGEST_LOSS` of the peak adhesion if that
+    is higher. It is at most `OFF_THE_PEAK` times the peak slip.
     """
 
     speed: float
     rail: Rail
-    slip: float
-    slip_interval: tuple[float, float]
-    coefficient: float
-    coefficient_interval: tuple[float, float]
+    slip: float  # NaN for a law without peak
+    slip_interval: tuple[float, float]  # 95 %
+    coefficient: float  # mu at the peak
+    coefficient_interval: tuple[float, float]  # 95 %
     reference: float = math.nan
-    reference_coefficient: float = math.nan
-    by_rule: bool = False
-    extrapolated: bool = False
+    reference_coefficient: float = math.nan  # mu at the reference slip
+    by_rule: bool = False  # converted from dry to wet rail by the rule of the law; the intervals are then NaN
+    extrapolated: bool = False  # `speed` is outside the initial speeds of the log
 
     @property
     def slip_stderr(self) -> float:
-        """Standard error of the slip: longer side of its 95 % interval, divided by 1.96."""
-        return max(abs(end - self.slip) for end in self.slip_interval) / QUANTILE
+        return max(abs(end - self.slip) for end in self.slip_interval) / QUANTILE  # of the longer side
 
     @property
     def coefficient_stderr(self) -> float:
-        """Standard error of mu: longer side of its 95 % interval, divided by 1.96."""
         return max(abs(end - self.coefficient) for end in self.coefficient_interval) / QUANTILE
 
     @property
     def lowest_slip(self) -> float:
-        """Lower end of the 99 % interval of the slip."""
+        # of the 99 % interval
         return self.slip - NORMAL_QUANTILE / QUANTILE * (self.slip - self.slip_interval[0])
 
     @property
     def basis(self) -> str:
-        """Source of the peak: "log", or "rule" if `by_rule`; followed by ", extrapolated" if `extrapolated`."""
         source = "rule" if self.by_rule else "log"
         return f"{source}, extrapolated" if self.extrapolated else source
 
@@ -237,9 +215,8 @@ def peak_of_law(law: AdhesionLaw, speed: float, wheel_load: float) -> PeakSlip:
 def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail, *, widest: Floats | None = None) -> PeakSlip:
     """Adhesion peak of a fitted model with its intervals, at a speed in m/s and a wheel load in N, on a rail.
 
-    For wet rail, a law fitted on dry rail is converted by the law's rule. `widest`, (2, 2), has the ends (low, high) of
-    an interval of slip and of an interval of mu, each divided by the value at the peak. The intervals of the result are
-    widened to contain them. InputError for dry rail if the log is from wet rail.
+    `widest`, (2, 2), has the ends (low, high) of an interval of slip and of an interval of mu, each divided by the
+    value at the peak; the result contains these intervals. InputError for dry rail if the log is from wet rail.
     """
 
     def at(model: FitModel, values: np.ndarray) -> tuple[float, float]:
@@ -280,7 +257,7 @@ def drift(
 
 
 def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]) -> tuple[str, ...]:
-    """Notes on peaks that are extrapolated or computed by a rule, one sentence each; `shown` is as in `drift`."""
+    """Notes on peaks that are extrapolated or computed by a rule; `shown` is as in `drift`."""
     notes = []
     if any(peak.extrapolated for peak in peaks):
         low, high = (f"{speed / KMH:.4g}" for speed in shown)
@@ -296,7 +273,6 @@ def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]
 
 
 def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
-    """Standard errors of the peak's slip and mu, by the delta method in the search coordinates."""
     coordinates, covariance = fit.estimate.coordinates, fit.estimate.coordinate_covariance
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     if not len(known):
@@ -319,10 +295,8 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
 def table_intervals(table: Fit) -> Floats:
     """95 % intervals of slip and mu at the peak of a fitted table: ((low, high), (low, high)).
 
-    A slip belongs to the interval if the highest mu exceeds the mu at this slip by at most the error of the difference.
-    This error is the error of the table's values plus the error of the spline between the knots. To estimate the error
-    of the spline, it is compared with a spline through every second knot. The upper ends are infinite if the log ends
-    within the interval.
+    A slip belongs to the interval if the highest mu exceeds the mu at this slip by at most the error of the difference,
+    including the error of the spline between the knots.
     """
     knots, noise = table.model.knots, np.diag(table.covariance)
     slip = np.geomspace(knots[0], knots[-1], _PEAK_POINTS)
@@ -352,7 +326,6 @@ def table_intervals(table: Fit) -> Floats:
 
 
 def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, value: Floats, intervals: Floats) -> PeakSlip:
-    """Build a peak with its reference slip; `value` is (slip, mu), `intervals` are the intervals of slip and mu."""
     slip, coefficient = value.tolist()
     (low, high), (least, most) = np.maximum(intervals, 0.0).tolist()
     if slip <= _LOWEST_SLIP:
@@ -368,7 +341,6 @@ def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, value: Fl
 
 
 def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, coefficient: float) -> float:
-    """Slip ratio below the peak slip `top` at which the law has a given adhesion coefficient."""
     from scipy.optimize import brentq
 
     if float(adhesion_coefficient(law, speed, _LOWEST_SLIP, wheel_load)) >= coefficient:
@@ -381,49 +353,40 @@ def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, 
 
 # --- parameters over the initial speed: [Park2008] (30)-(32) ---------------------------------------------------------
 
-
 HIGHEST_DEGREE = 2  #: highest degree of the polynomials, as in (30)-(32)
 
 _IMPROBABLE = 0.01  # significance level for a warning about a misfit
 
-_SAME_SPEED = 0.01  # relative difference below which initial speeds count as equal
+_SAME_SPEED = 0.01  # relative difference below which initial speeds are regarded as equal
 
 
 @dataclass(frozen=True)
 class ParameterPolynomial:
-    """A parameter, SI, as a polynomial of the initial speed v0 in km/h: the sum of coefficients[k] v0^k.
-
-    The polynomial is fitted to the `values` at `speeds_kmh`. `misfit_probability` is the p-value of a chi-squared test
-    whether the values agree with the polynomial. It is NaN if the polynomial passes through all values, or if too few
-    standard errors are known.
-    """
+    """A parameter, SI, as a polynomial of the initial speed v0 in km/h: the sum of coefficients[k] v0^k."""
 
     name: str
     coefficients: Floats
     covariance: Floats
     speeds_kmh: Floats
-    values: Floats
-    misfit_probability: float
+    values: Floats  # fitted in the logs
+    misfit_probability: float  # p-value of a chi-squared test; NaN if it is not possible
 
     @property
     def misses(self) -> str:
-        """Warning if `values` differ from the polynomial by more than their standard errors explain; else empty."""
+        """Warning if the polynomial does not agree with `values` within their errors; else empty."""
         if not self.misfit_probability < _IMPROBABLE:
             return ""
         return message("misses", name=self.name, probability=self.misfit_probability)
 
     @property
     def stderrs(self) -> Floats:
-        """Standard errors of the coefficients."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def stderr_at(self, speed_kmh: float) -> float:
-        """Standard error of the parameter at v0 in km/h."""
         powers = speed_kmh ** np.arange(len(self.coefficients))
         return float(np.sqrt(powers @ self.covariance @ powers))
 
     def at(self, speed_kmh: float) -> float:
-        """Value of the parameter at v0 in km/h."""
         return float(np.polynomial.polynomial.polyval(speed_kmh, self.coefficients))
 
 
@@ -459,7 +422,7 @@ def _misfit_probability(coefficients: Floats, v0: Floats, values: Floats, stderr
 
 
 def known_polynomials(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, Floats]:
-    """Polynomial coefficients, by name, of the law's parameters that were not fitted; see `over_initial_speed`."""
+    """Polynomial coefficients, by name, of parameters that were not fitted; see `over_initial_speed`."""
     v0 = np.array(initial_speeds) / KMH
     model = fits[0].model
     coefficients = {}

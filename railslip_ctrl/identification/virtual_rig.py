@@ -1,9 +1,8 @@
 """Virtual brake rig: simulates the adhesion test of [Park2008] pp. 49-51, and writes its log.
 
-The wheel rolls freely at v0, then the brake torque rises on a ramp. Beyond the adhesion peak the slip grows even at
-constant torque. At a slip ratio of 0.5 the brake is released ([Park2008] Fig. 12). Flywheels with the inertia of the
-quarter car slow down like the train. A random adhesion force and sensor noise disturb the measured adhesion. The
-adhesion may also differ from test to test.
+The wheel rolls freely at v0, then the brake torque rises on a ramp and is released at a slip ratio of 0.5 ([Park2008]
+Fig. 12). Flywheels with the inertia of the quarter car slow down like the train. A random adhesion force and sensor
+noise disturb the measured adhesion.
 """
 
 from __future__ import annotations
@@ -30,18 +29,17 @@ from .observer import Encoder, TorqueSensor
 
 TEST_SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: [Park2008] Table 1
 
+#: header of a written log
 COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "brake torque [kN*m]", "wheel load [kN]")
-"""Header of a written log."""
 
-RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
-"""Dead time and lag, s, of the rig's brake: assumed values, with which the brake releases before the wheel locks."""
+RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)  #: assumed brake of the rig, which releases before the wheel locks
 
 
 class RigProcedure:
     """Controller of a rig test.
 
-    From the time `begin`, s, the torque rises at `rate`, N*m/s, until the slip ratio exceeds `release_slip`. Then the
-    torque falls at `fall`, N*m/s. `period` is the sampling period, s, and `radius` the wheel's radius, m.
+    From the time `begin`, s, the torque rises at `rate`, N*m/s, until the slip ratio exceeds `release_slip`; it then
+    falls at `fall`, N*m/s. `period` is the sampling period, s, and `radius` the wheel's radius, m.
     """
 
     name = "rig-procedure"
@@ -54,11 +52,9 @@ class RigProcedure:
         self.radius, self.fall = radius, fall
 
     def reset(self, t: float, v: float, omega: float) -> None:
-        """Reset the controller before the first sample."""
         self.torque, self.released = 0.0, False
 
     def step(self, t: float, v: float, omega: float) -> float:
-        """Return the commanded torque, N*m, at time t, s, train speed v, m/s, and wheel speed omega, rad/s."""
         self.released = self.released or v - self.radius * omega > self.release_slip * v
         ramp = self.rate * max(t - self.begin, 0.0)
         self.torque = max(self.torque - self.fall * self.period, 0.0) if self.released else ramp
@@ -67,37 +63,21 @@ class RigProcedure:
 
 @dataclass(frozen=True)
 class RigTest:
-    """Conditions and sensors of a rig test, SI.
-
-    - vehicle: gives the wheel, the mass and the wheel load.
-    - law: the true adhesion law.
-    - brake: dead time and lag of the rig's brake.
-    - initial_speed: speed of free rolling before the brake is applied.
-    - rate, release_slip: the torque rises at `rate`, N*m/s, until the slip ratio passes `release_slip`.
-    - interval: sampling interval of the log, s.
-    - random_force: standard deviation, N, of the random adhesion force, which has a new value in each interval.
-    - wheel_noise, speed_noise, torque_noise: standard deviations of the noise on a sample of wheel speed, rad/s, train
-      speed, m/s, and torque, N*m.
-    - encoder: measures the wheel's speed if given; `wheel_noise` is then not used.
-    - torque_offset: sensor offset added to the measured torque, N*m.
-    - spread: standard deviation of the logarithm of the factor on the adhesion, which differs from test to test.
-
-    InputError for a value out of its range.
-    """
+    """Conditions and sensors of a rig test, SI; InputError for a value out of its range."""
 
     vehicle: Vehicle
-    law: AdhesionLaw
-    initial_speed: float
-    rate: float = 4000.0
-    release_slip: float = 0.5
-    interval: float = 0.01
-    random_force: float = RANDOM_FORCE
-    wheel_noise: float = 0.01
-    speed_noise: float = 0.0
-    torque_noise: float = 0.0
-    encoder: Encoder | None = None
-    torque_offset: float = 0.0
-    spread: float = 0.0
+    law: AdhesionLaw  # the true adhesion law
+    initial_speed: float  # speed of free rolling before the brake is applied, m/s
+    rate: float = 4000.0  # of the rising torque, N*m/s
+    release_slip: float = 0.5  # slip ratio at which the brake is released
+    interval: float = 0.01  # sampling interval of the log, s
+    random_force: float = RANDOM_FORCE  # N, standard deviation; a new value in each interval
+    wheel_noise: float = 0.01  # rad/s, standard deviation; unused with an encoder
+    speed_noise: float = 0.0  # m/s, standard deviation
+    torque_noise: float = 0.0  # N*m, standard deviation
+    encoder: Encoder | None = None  # measures the wheel speed if given
+    torque_offset: float = 0.0  # sensor offset, N*m
+    spread: float = 0.0  # standard deviation of ln(factor on the adhesion) from test to test
     brake: Actuator = RIG_BRAKE
 
     def __post_init__(self) -> None:
@@ -118,8 +98,8 @@ _STEP = 1e-3  # integration step, s
 def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> Rows:
     """Simulate rig tests at the same conditions and return their rows as one log, with a pause between tests.
 
-    `tests` is the number of tests, `seed` the seed of all random numbers. Each test ends one second after the release.
-    InputError if the flywheels stop before the slip reaches `release_slip`.
+    `tests` is the number of tests, `seed` the seed of all random numbers. InputError if the flywheels stop before the
+    slip reaches `release_slip`.
     """
     if not 1 <= tests <= 10_000:
         raise InputError(f"tests: {tests} is not allowed; give an integer from 1 to 10000")
@@ -191,10 +171,8 @@ def write_log(log: Rows, path: Path) -> None:
 
 # --- a brake trial with known adhesion, to test an observer ----------------------------------------------------------
 
-# The trial follows [Park2008] Fig. 12: the wheel rolls freely, the brake torque rises until the slip passes a bound,
-# the brake is released, and the wheel speeds up again. The lag error of an observer is its error with ideal sensors,
-# including the half interval by which an encoder's speed is late. Its noise error is the H2 norm. The two errors are
-# independent, so their squares add.
+# The trial follows [Park2008] Fig. 12: the wheel rolls freely, the brake torque rises until the slip exceeds a bound,
+# the brake is released, and the wheel speeds up again.
 
 _SLOWEST = 1.0  # m/s; below it the slip ratio has no meaning
 _COMMANDS = 1e-4  # period of the torque commands, s: steps of 6 N*m at the default `fall`
@@ -227,7 +205,7 @@ class BrakeCourse:
 class BrakeTrial:
     """True signals of a brake trial at constant intervals; SI, arrays of one length.
 
-    `time` has the times of the samples. `speed` is the train speed; `rim_speed` (speed of the circumference), `omega`
+    `time` has the times of the samples, `speed` is the train speed. `rim_speed` (speed of the circumference), `omega`
     and `angle` are those of the wheel. `brake_torque` and `adhesion_torque` act on the wheel. The brake is applied at
     `brake_time`; its release begins at `release_time`.
     """
