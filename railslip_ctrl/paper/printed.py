@@ -88,7 +88,7 @@ TABLE3_MEANS = MappingProxyType({"beam": 0.011, "bristle": 0.0083})
 TABLE3_IMPROVEMENT = 24.5  # %, of bristle over beam
 
 TABLE5_ENERGY = MappingProxyType({"PI": 1.77e-7, "ASMC": 1.71e-7})
-"""Brake energy, kN*m, as printed in Table 5; on p. 56 the same digits are times 10^7 N*m."""
+"""Brake energy, kN*m, as printed in Table 5; p. 56 has 1.77 10^7 and 1.71 10^7 N*m."""
 
 TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
     {
@@ -100,7 +100,7 @@ TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
 )
 """Table 5 by column: braking time, s; distance, m; energy; mean |slip error|, a ratio.
 
-The energies are those of p. 56, N*m: 3.6 times the energy in J.
+The energies are those of p. 56, in N*m. They are 3.6 times the energy in J.
 """
 
 TABLE5_TIMES = tuple(row[0] for row in TABLE5.values())  #: braking times, s

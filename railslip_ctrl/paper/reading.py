@@ -82,7 +82,7 @@ READING = _rules()  #: the rules, in the order of `reading.toml`
 
 
 Change = Callable[[tables.Setup], tables.Setup | None]
-"""Function from the setup of a column of Table 5 to that of the alternative; None if the column does not change."""
+"""Function that changes the setup of a column of Table 5; it returns None if the column does not change."""
 
 _LOAD_RATIO = PARK2008.mass_loaded / PARK2008.mass
 _FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m; no controller commands this torque
@@ -157,7 +157,7 @@ def _si_gains(setup: tables.Setup) -> dict[str, Any]:
 
 def _rates_of_s(setup: tables.Setup) -> dict[str, Any]:
     printed, vehicle = TABLE4_SLIDING_PRINTED[setup.case.gains], setup.scenario.vehicle
-    per_hour = 1.0 / 3600.0  # (39) has D in 1/h and K in km/h^2; J/r makes torque gains of them
+    per_hour = 1.0 / 3600.0  # (39) has D in 1/h and K in km/h^2; J/r converts them to torque gains
     torque = vehicle.effective_inertia / vehicle.wheel.radius
     return {"D": torque * printed.D * per_hour, "K": torque * printed.K * KMH * per_hour}
 
@@ -213,7 +213,7 @@ ALTERNATIVES = (
 
 
 DEFAULT_SEEDS = 8
-"""Runs of each column; fewer than for Table 5, because runs with the same seed have the same noise."""
+"""Runs of each column; fewer than for Table 5, because runs are compared with the same seeds."""
 
 _UNTOUCHED = np.full(len(tables.QUANTITIES), math.nan)
 
@@ -225,7 +225,7 @@ class SensitivityRow:
     - results: for each column of Table 5; those of the reading if the alternative does not change the column.
     - rms_deviation_percent: rms deviation from Table 5 over all sixteen numbers, %; NaN if a run did not stop.
     - largest_change_percent, largest_change_of: largest change of a number of Table 5 against the reading, %, and the
-      name of this number; NaN and "" if no changed column stopped in every run.
+      name of this number; NaN and "" if every changed column has a run that did not stop.
     """
 
     alternative: Alternative

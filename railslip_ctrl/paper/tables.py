@@ -1,6 +1,6 @@
 """Tables 3 and 5, adhesion curves and further facts of [Park2008], compared with computed results.
 
-Only the arithmetic of Table 3 can be checked.
+The errors in Table 3 cannot be recomputed, only their means.
 """
 
 from __future__ import annotations
@@ -342,12 +342,12 @@ def wet_and_dry() -> tuple[ModelCurve, ...]:
 
 
 SLIDING_SHARES = (0.65, 0.85)
-"""Shares of time with s s' < 0 that are about three quarters; sliding gives 1, a random s gives 1/2."""
+"""Lowest and highest share of time with s s' < 0 for "three quarters"; it is 1 in sliding, 1/2 for a random s."""
 
 SLOW = 3.0
 """Ratio of braking times with and without adaptation above which the adaptation has failed."""
 
-LATE_SHARE = 0.5  #: last share of the braking time, in which locking is late
+LATE_SHARE = 0.5  #: locking in this last share of the braking time is late
 
 _SEED = 0  # seed of the runs with noise
 

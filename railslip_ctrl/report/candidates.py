@@ -76,7 +76,7 @@ class Trial:
     stops: tuple[Stop, ...]
     harder: tuple[Stop, ...] = ()
     reason: str = ""
-    robust_kmh: float | None = None  # speed above which its margins are robust; 0 for a controller without margins
+    robust_kmh: float | None = None  # km/h, speed above which the margins are robust; 0 without margins
 
     @property
     def judgement(self) -> Judgement | None:
@@ -102,7 +102,7 @@ class Trial:
 
     @cached_property
     def worst_ms(self) -> float:
-        """Worst Ms above `lowest_kmh` and the hand-over speed; inf for an unstable loop or without margins."""
+        """Worst Ms at speeds above `lowest_kmh` and the hand-over speed; inf for an unstable loop or without margins."""
         if self.judgement is None:
             return math.inf
         speeds = self.judgement.points.speed_kmh
@@ -154,8 +154,8 @@ class Remedy:
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
     """Simulate the harder stops with the candidates that can be the best, and sort all trials, the best first.
 
-    Candidates are tried in the order of nominal distance (worst Ms if `prefer` is "robustness") until two qualify. After
-    that only those within 10 % of the first are tried. `submit` starts a function in a second process.
+    Candidates are tried in the order of nominal distance (worst Ms if `prefer` is "robustness") until two qualify, then
+    only those within 10 % of the first. `submit` starts a function in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)

@@ -214,7 +214,7 @@ def _which(report: DesignReport, sizes: str | None = None) -> str:
 
 
 def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
-    """Keep the first sentence of each text, and more while all texts together have at most `most` words."""
+    """Keep the first sentence of each text, and further sentences up to `most` words in total."""
     sentences = [list(text) for text in texts]
     result = [text[:1] for text in sentences]
     most -= sum(len(item.split()) for text in result for item in text)
@@ -273,7 +273,7 @@ def _steps(report: DesignReport) -> Iterator[str]:
     seeks = report.control is not None and report.control.finds_slip
     slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not stop.own_slip))
     over_kmh = 0.0 if report.control is None else report.control.controlled_from / KMH
-    if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # rounding, as above
+    if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # rounding of m/s to km/h
         yield f"Use another protection below {report.above_kmh:g} km/h."
     if slow and report.usable:
         yield f"Expect long stops: slip stays below its reference ({', '.join(slow)})."

@@ -132,7 +132,7 @@ def margin_frequencies(margins: Margins | None) -> dict[str, Any] | None:
 
 
 def margins_json(assessment: Assessment, certificate: Certificate | None = None) -> dict[str, Any]:
-    """Return the margins of a loop as JSON, null if it is unstable, and its certificate if there is one."""
+    """Return the margins of a loop (null if unstable), and the certificate if there is one, as JSON."""
     unstable = assessment.unstable_poles
     content = {
         **case_json(assessment.point),

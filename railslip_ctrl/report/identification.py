@@ -375,7 +375,7 @@ def identification_json(result: Identification) -> dict[str, Any]:
 
 
 def series_json(result: LogSeries) -> dict[str, Any]:
-    """Return the result of several logs as JSON; the `value` of a parameter is that at the mean initial speed."""
+    """Return the result of several logs as JSON; the `value` of a parameter is for the mean initial speed."""
     first = result.logs[0].chosen.fit
     return {
         "model": first.model.name,

@@ -15,7 +15,7 @@ from railslip_ctrl.core.templates import environment
 from .document import FirstPage, Section
 from .export import software
 
-if TYPE_CHECKING:  # an extra
+if TYPE_CHECKING:  # installed with the extra html
     from markupsafe import Markup
 
 _ADDRESS = re.compile(r"doi:(10\.\S+[^\s.])|https://\S+[^\s.]")
@@ -99,7 +99,7 @@ def typeset(text: str) -> Markup:
     """Return text as HTML: text in backticks becomes code, other text gets signs such as Greek letters."""
     from markupsafe import Markup, escape
 
-    pieces = _CODE.split(text)  # odd pieces are code
+    pieces = _CODE.split(text)  # pieces with an odd index are code
     for i in range(0, len(pieces), 2):
         for pattern, replacement in _RULES:
             pieces[i] = re.sub(pattern, replacement, pieces[i])

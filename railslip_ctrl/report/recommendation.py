@@ -309,7 +309,7 @@ def design_report(
         rivals[name] = _rival(name, controller, envelope, nominal)
 
     for name, controller in (given or {}).items():
-        if candidates.no_margins(controller):  # its step may fail: run it first, before the long computation
+        if candidates.no_margins(controller):  # the step may fail, so run it before the long computation
             run_rival(name, controller)
     with _beside() as submit:
         # a second process cannot import a user's law

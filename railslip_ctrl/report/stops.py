@@ -34,7 +34,7 @@ from railslip_ctrl.simulation.population import GAIN, RADIUS, SPEED_NOISE, SPEED
 from railslip_ctrl.simulation.population import TEETH as ENCODERS
 from railslip_ctrl.simulation.run import LOCKED_SHARE, REACHED_SHARE
 
-SLIDING = 0.5  #: slip ratio above which a wheel counts as sliding: halfway to a locked wheel
+SLIDING = 0.5  #: slip ratio above which a wheel slides: halfway to a locked wheel
 
 
 @dataclass(frozen=True)

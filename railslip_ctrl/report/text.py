@@ -415,7 +415,7 @@ def _map_table(judgement: Judgement) -> RenderableType:
 
 
 def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
-    """Return a tuned design as JSON, with the verdict over an envelope if given; null if no gains are found."""
+    """Return a tuned design as JSON, with the verdict over an envelope if given; gains that were not found are null."""
     design = tuned.design
     margins: Sequence[Margins | None] = [None] * len(tuned.points)
     worst = None

@@ -91,7 +91,7 @@ def drift_figure(result: Identification) -> Figure:
     for ax in (slip, height):
         ax.set_xlabel("train speed (km/h)")
     for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may exceed slip 1
-        if math.isfinite(ax.dataLim.ymax):  # not so for a model without a peak
+        if math.isfinite(ax.dataLim.ymax):  # not finite without a peak
             ax.set_ylim(0.0, min(1.08 * ax.dataLim.ymax, most))
         style.legend_below(ax, 0.17)
     return figure
@@ -175,8 +175,8 @@ def estimates_figure(
 ) -> Figure:
     """Plot a simulated braking: true speeds and torques, and estimates of the adhesion torque with their errors.
 
-    - time: times of the estimates, s, (n,).
-    - estimates, errors: estimates and their errors by name of the observer, N*m, (n,).
+    - time: times of the estimates, s, shape (n,).
+    - estimates, errors: estimates and their errors by name of the observer, N*m, shape (n,).
     """
     figure = style.new_figure(4.2 + 1.1 * len(estimates), title)
     axes = style.panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[

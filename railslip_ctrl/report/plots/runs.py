@@ -103,8 +103,8 @@ def no_lock_figure(result: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: s
     """Plot no-lock regions and runs, torque over slip, with a panel for each entry of `result`.
 
     Below the line of a speed it is proved that the wheel does not lock at this speed if the brake is released. A grey
-    line shows the run, with a cross at each sample without this proof. A mark shows where the run reaches each speed; it
-    is hollow without this proof.
+    line shows the run, with a cross at each sample without this proof. A mark shows where the run reaches each speed;
+    it is hollow without this proof.
     """
     legend = "below a line the wheel certainly does not lock if the brake is released; marks: the run at these speeds"
     figure = style.new_figure(3.9, f"{title}; {legend}")

@@ -32,7 +32,7 @@ _PLAIN_SPAN = 2000.0  # largest ratio of the ends of a logarithmic axis with pla
 _LEAST_SPAN = (
     1e-6  # smallest span of an axis with plain ticks, relative to its values: labels have at most eight digits
 )
-_FEW = 5.0  # ratio of its ends below which a logarithmic axis has fewer than three ticks at 1, 2, 5
+_FEW = 5.0  # a logarithmic axis whose ends have a smaller ratio has fewer than three ticks at 1, 2, 5
 _NOTHING = 1e-9  # largest magnitude that is a rounding error of zero and is not drawn
 _HANDLE = 3.6  # length of a legend's line in letters; shows two periods of the longest dash
 _LEGEND: dict[str, Any] = {"fontsize": SMALL, "frameon": False}
@@ -128,7 +128,7 @@ def folded(text: str, inches: float, size: float = TEXT) -> str:
 
 
 def legend_below(ax: Any, drop: float = 0.2, columns: int = 1, **options: Any) -> None:
-    """Put a legend below the axes; `drop` is its distance from the axes over the height of the axes, a ratio."""
+    """Put a legend below the axes; `drop` is the distance from axes to legend over the height of the axes, a ratio."""
     anchor = {"loc": "upper center", "bbox_to_anchor": (0.5, -drop)}
     ax.legend(ncols=columns, handlelength=_HANDLE, **anchor, **_LEGEND, **options)
 
@@ -179,7 +179,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 @contextmanager
 def standard_settings() -> Iterator[None]:
-    """Use Matplotlib's default settings inside the `with` block; a user's matplotlibrc may need LaTeX or missing fonts."""
+    """Use Matplotlib's default settings inside the `with` block instead of those in the user's matplotlibrc."""
     with rc_context():
         rcdefaults()
         yield
