@@ -102,7 +102,7 @@ class Trial:
 
     @cached_property
     def worst_ms(self) -> float:
-        """Worst Ms at speeds above `lowest_kmh` and the hand-over speed; inf for an unstable loop or without margins."""
+        """Worst Ms at speeds above `lowest_kmh` and the hand-over speed; inf if unstable or without margins."""
         if self.judgement is None:
             return math.inf
         speeds = self.judgement.points.speed_kmh

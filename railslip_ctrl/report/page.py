@@ -15,7 +15,7 @@ from railslip_ctrl.core.templates import environment
 from .document import FirstPage, Section
 from .export import software
 
-if TYPE_CHECKING:  # installed with the extra html
+if TYPE_CHECKING:  # needs the extra `html`
     from markupsafe import Markup
 
 _ADDRESS = re.compile(r"doi:(10\.\S+[^\s.])|https://\S+[^\s.]")

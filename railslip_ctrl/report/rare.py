@@ -78,7 +78,7 @@ def json_of(result: Result) -> dict[str, Any]:
 
 
 def files_of(result: Result, scenario: str) -> dict[str, FileContent]:
-    """Return the content of each file of the result by file name; `stop.toml` refers to the scenario with the name `scenario`."""
+    """Return the content of each file by file name; `stop.toml` refers to the scenario `scenario`."""
     name = "rare" if isinstance(result, RareEvent) else "confidence"
     files: dict[str, FileContent] = {f"{name}.txt": text_of(result), f"{name}.json": json_text(json_of(result))}
     rows = zip(*(column.tolist() for column in result.tail[:4]), strict=True)
