@@ -398,7 +398,7 @@ def _ms_levels(ms: Any) -> list[float]:
 
 
 def sweep_figure(sweeps: Sequence[MarginSweep], *, title: str) -> Figure:
-    """Plot Ms, phase margin, delay margin and rightmost plant pole over speed or another quantity, with one column each."""
+    """Plot Ms, phase margin, delay margin and rightmost plant pole over speed or slip, with a column for each sweep."""
     figure = style.new_figure(7.2, title)
     # sweeps over speed and over slip have separate axes, because their poles differ in size; two rails share the axes
     alike = len({sweep.axis for sweep in sweeps}) == 1
