@@ -1,7 +1,4 @@
-"""Errata of [Park2008]: printed equations against the derivation, and recomputed numbers and units.
-
-The texts are in `errata.toml`: the error, its size, and the replacement used.
-"""
+"""Errata of [Park2008]: comparison of printed equations and numbers with ours. The texts are in `errata.toml`."""
 
 from __future__ import annotations
 
@@ -39,16 +36,16 @@ How = Literal["symbolic", "computed", "argument"]
 
 @dataclass(frozen=True)
 class Erratum:
-    """A printed equation, number or claim, compared with what the source's own equations give.
+    """A printed equation, number or claim of [Park2008], compared with ours.
 
     - where: equation, table or page of [Park2008].
-    - printed_latex, derived_latex, difference_latex: in LaTeX; the difference is "0" if they agree.
-    - printed, derived: printed and derived expression as plain text.
+    - printed, derived: printed expression and ours, as plain text.
+    - printed_latex, derived_latex: both expressions in LaTeX.
+    - difference_latex: difference of the expressions in LaTeX; "0" if they agree.
     - agrees: true if the difference is proved to be zero.
-    - how: comparison of expressions ("symbolic") or of numbers ("computed"), or an argument from the variables on which
-      an expression depends ("argument").
+    - how: comparison of expressions ("symbolic") or numbers ("computed"), or an argument in words ("argument").
     - sign_and_size: the difference, computed with the paper's own numbers.
-    - explanation: the error, and the replacement used.
+    - explanation: the error, and the equation or number that we use instead.
     """
 
     where: str
@@ -66,10 +63,9 @@ class Erratum:
 def compared(
     where: str, printed: Sequence[sp.Expr], derived: Sequence[sp.Expr], *, text: str | None = None, **numbers: Any
 ) -> Erratum:
-    """Make an erratum by comparing printed and derived expressions, one pair or a column of pairs.
+    """Make an erratum from printed and derived expressions, one pair or a column of pairs.
 
-    - text: key of the erratum's text in `errata.toml`; by default `where`.
-    - numbers: values that are filled into the text.
+    `numbers` are filled into the text of `errata.toml` with the key `text`, by default `where`.
     """
     differences = (a - b for a, b in zip(printed, derived, strict=True))
     difference = [sp.Integer(0) if vanishes(one) else sp.factor_terms(sp.expand(one)) for one in differences]
@@ -97,13 +93,10 @@ def column(entries: Sequence[sp.Expr]) -> str:
 def stated(
     where: str, how: How, numbers: Mapping[str, Any], *, by_column: Mapping[str, Mapping[str, Any]] | None = None
 ) -> Erratum:
-    """Make an erratum of a printed number or claim that disagrees with the computed one.
+    """Make an erratum of a printed number or claim that disagrees with ours.
 
-    - where: place in [Park2008], the key of the text in `errata.toml`.
-    - how: kind of comparison, as in `Erratum`.
-    - numbers: values that are filled into the text.
-    - by_column: further numbers for each column of a table. The text gives the size of the difference for each column,
-      or once if all columns agree.
+    `numbers` are filled into the text of `errata.toml` with the key `where`. `by_column` has further numbers for each
+    column of a table.
     """
     template = texts(__package__, "errata.toml")[where]
     printed, derived, explanation = (filled(template[name], numbers) for name in ("printed", "derived", "explanation"))
@@ -139,7 +132,6 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def _without_latex(text: str) -> str:
-    r"""Convert the LaTeX of `stated` to plain text; for example, \tilde\theta becomes theta~ and \dot s becomes s'."""
     for pattern, replacement in _LATEX:
         text = re.sub(pattern, replacement, text)
     while _FRACTION.search(text) or _BRACES.search(text):
@@ -147,20 +139,14 @@ def _without_latex(text: str) -> str:
     return re.sub(r" +", " ", re.sub(r"\\(?=[a-zA-Z])", "", text)).strip()
 
 
-# --- adhesion models and observer -------------------------------------------------------------------------------------
-
-
 def _force_per_length() -> Erratum:
-    """Erratum of [Park2008] (6): the factor by which each of its branches must be multiplied.
-
-    The factors follow from (5), (9) and the full sliding force mu_d N.
-    """
     length, slip, mu_d, xc, N = printed.length, printed.slip, printed.mu_d, printed.xc, printed.wheel_load
     locking, slipping = printed.force_per_length
     p = sp.Symbol("p", positive=True)
     a, b = sp.symbols("a b")
     stiffness = sp.integrate(a * locking / slip, (xc, 0, length))
     sliding = sp.integrate(b * slipping.subs(p, printed.pressure), (xc, 0, length))
+    # factors of the two branches with which (9) and the full sliding force mu_d N result
     factors = sp.solve([stiffness - printed.travelling_stiffness, sliding - mu_d * N], [a, b])
     derived = (locking * factors[a], slipping * factors[b])
     kx = beam.CONTACT_STIFFNESS * beam.CONTACT_LENGTH**2 / 2
@@ -193,7 +179,6 @@ def _beam_force() -> Erratum:
 
 
 def _bristle_coefficients() -> tuple[Erratum, Erratum]:
-    """Errata of [Park2008] (24): beta and gamma follow from h = 1/g, the result of comparing (13) with (22)."""
     sigma, Fs, Fc, vs = plant.sigma, printed.Fs, printed.Fc, printed.vs
     beta, gamma = sp.symbols("beta gamma")
     # beta/(gamma - sigma) = 1/g for every sigma: coefficients of sigma in beta g - (gamma - sigma)
@@ -223,7 +208,7 @@ def adhesion_torque() -> sp.Expr:
 
 
 def corrected_observer() -> sp.Expr:
-    """Observer [Park2008] (27), corrected: Ta/(tau s + 1) from Tb and omega, with every term of (26) filtered."""
+    """Observer [Park2008] (27), corrected: Ta/(tau s + 1) as a function of Tb and omega."""
     true = adhesion_torque().subs(plant.omega_rate, printed.laplace * plant.omega)
     return true / (printed.tau * printed.laplace + 1)
 
@@ -234,13 +219,9 @@ def passed_at_once(observer: sp.Expr) -> sp.Expr:
 
 
 def _observer() -> Erratum:
-    """Erratum of [Park2008] (27): comparison with the filtered torque Ta/(tau s + 1)."""
     as_printed, derived = printed.observer, corrected_observer()
     jump = [passed_at_once(expression) for expression in (as_printed, derived)]
     return compared("(27)", (as_printed,), (derived,), jump=jump)
-
-
-# --- the sliding-mode law and its proof -------------------------------------------------------------------------------
 
 
 _R = PARK2008.wheel.radius
@@ -249,7 +230,7 @@ _MASS = (PARK2008.mass, PARK2008.mass_loaded)
 
 
 def law_errata(derivation: Derivation) -> tuple[Erratum, ...]:
-    """Comparisons of the law's equations with the derivation, in the order of the equations."""
+    """Compare the equations of the sliding-mode law and of its proof with `derivation`, in the order of the paper."""
 
     def agrees(where: str, as_printed: sp.Expr, derived: sp.Expr, note: str = "") -> Erratum:
         return compared(where, (_named(as_printed, derivation),), (derived,), text="as derived", note=note)
@@ -304,7 +285,6 @@ def _theta1(derivation: Derivation) -> Erratum:
 
 
 def _lyapunov_rate(derivation: Derivation) -> Erratum:
-    """Comparison of the derived V' with [Park2008] (47), in which the derived law is substituted."""
     names = ("theta1", "theta2")
     errors = {
         error: sliding_symbol(name) - sliding_symbol(f"{name}_hat")
@@ -315,7 +295,6 @@ def _lyapunov_rate(derivation: Derivation) -> Erratum:
 
 
 def _gain_units(derivation: Derivation) -> list[str]:
-    """Units of k1 and k2 in theta' = k s phi: each symbol of the derived theta and phi is replaced by its unit."""
     kg, m, sec = sp.symbols("kg m s", positive=True)
     units = {plant.r: m, plant.J: kg * m**2, plant.Ta: kg * m**2 / sec**2, plant.omega: 1 / sec}
     named = {"s": m / sec, "Mn": kg, "Mp": kg, "Bp": kg * m**2 / sec, "k1": sp.Integer(1), "k2": sp.Integer(1)}
@@ -344,7 +323,6 @@ def _invariant_set(derivation: Derivation) -> Erratum:
 
 
 def _lyapunov_jump(derivation: Derivation) -> float:
-    """Step of V, m^2/s^2, at the mass step: theta1^2/(2 k1), with the inertia scale 3.6 and the k of Table 4 as k1."""
     light, heavy = (AS_PUBLISHED_INERTIA_SCALE * mass for mass in _MASS)
     masses = {sliding_symbol("Mn"): light, sliding_symbol("Mp"): heavy - light, plant.r: _R}
     theta1 = float(derivation.theta[0].subs(masses))
@@ -353,18 +331,13 @@ def _lyapunov_jump(derivation: Derivation) -> float:
     return float(derivation.V.subs(at))
 
 
-# --- numbers and units ------------------------------------------------------------------------------------------------
-
-
 def _strict_product(derivation: Derivation) -> Erratum:
-    """Erratum of [Park2008] (42), a strict inequality: at s = 0 both sides are 0."""
     s, eta = sliding_symbol("s"), sp.Symbol("eta", positive=True)
     sides = [side.subs(s, 0) for side in (derivation.reaching_product, -eta * sp.Abs(s))]
     return stated("(42), strict", "symbolic", {"left": sides[0], "right": sides[1]})
 
 
 def _bristle_maximum() -> Erratum:
-    """Erratum of [Park2008] Fig. 17: maximum of the bristle model, in steady state and while the slip rises."""
     v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
     law, curve = (published_law(name, Rail.DRY, wheel_load=load) for name in ("bristle", "curve"))
     sigma, parameters = plant.sigma, dict(zip(type(law).symbols(), law.parameters(), strict=True))
@@ -378,7 +351,6 @@ def _bristle_maximum() -> Erratum:
 
 
 def _reference_slips() -> Erratum:
-    """Erratum of [Park2008] p. 46: the slips of highest adhesion differ from the reference slips."""
     v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
     peaks = {
         f"{name} {rail}": peak(published_law(name, rail, wheel_load=load), v, load).slip
@@ -460,7 +432,6 @@ def _table4_asmc() -> Erratum:
 
 
 def _sliding_sizes(D: float, K: float, rho: float) -> dict[str, float]:
-    """Two readings of the D, K and rho of one column of Table 4, SI: rates, as in (39), and torque gains, as used."""
     rates = {
         "D0": to_unit(f"{D} 1/h", "1/s"),
         "K0": to_unit(f"{K} km/h^2", "m/s^2"),
@@ -494,10 +465,7 @@ def _duration() -> Erratum:
 
 
 def _least_time(scale: float, v0: float, v1: float) -> float:
-    """Braking time, s, if adhesion is at its peak and resistance is neglected.
-
-    Until the mass step the rail is dry and the vehicle empty, then the rail is wet and the vehicle loaded.
-    """
+    """Braking time from v0 to v1 at peak adhesion, s; after the mass step the rail is wet and the vehicle loaded."""
     load = PARK2008.wheel_load
     dry = printed.PEAK_ADHESION["dry"] * load / (scale * PARK2008.mass)
     wet = printed.PEAK_ADHESION["wet"] * load / (scale * PARK2008.mass_loaded)
@@ -505,11 +473,8 @@ def _least_time(scale: float, v0: float, v1: float) -> float:
     return (v0 - v1) / dry if left <= 0 else printed.MASS_STEP_TIME + left / wet
 
 
-# --- all errata -------------------------------------------------------------------------------------------------------
-
-
 def errata(derivation: Derivation) -> tuple[Erratum, ...]:
-    """Compare the printed equations with ours: adhesion and observer, then the sliding-mode law, then the numbers."""
+    """Compare all checked equations and numbers of [Park2008] with ours; `derivation` is that of the published law."""
     return (
         *(_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer()),
         compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,)),

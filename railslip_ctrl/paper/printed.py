@@ -1,7 +1,6 @@
-"""Equations and numbers of [Park2008] exactly as printed, including misprints.
+"""Equations and numbers of [Park2008] exactly as printed, including misprints; equation numbers are in parentheses.
 
-`errata` compares them with the derivation; the law does not use them. The source's sigma_d' is the symbol sigma_d_rate,
-its undefined Tm is taken as Ta, and theta_tilde is theta - theta_hat. Numbers in parentheses are its equations.
+The symbol `sigma_d_rate` is sigma_d' of the paper. Tm, which the paper does not define, is read as Ta.
 """
 
 from __future__ import annotations
@@ -26,18 +25,14 @@ _THETA_HAT_RATE = (_own("theta1_hat_rate"), _own("theta2_hat_rate"))
 _Ta, _Tb, _Td, _Tr, _Fr, _omega = plant.Ta, plant.Tb, plant.Td, plant.Tr, plant.Fr, plant.omega
 _M, _J, _B, _r = plant.M, plant.J, plant.B, plant.r
 
-# --- adhesion ------------------------------------------------------------------------------------------------------
-
 length, width, Cx, xc, mu_d, slip = sp.symbols("l w C_x x_c mu_d lambda", positive=True)
 wheel_load = sp.Symbol("N", positive=True)
 Fs, Fc, vs = sp.symbols("F_s F_c v_s", positive=True)
 
-
 pressure = 6 * wheel_load / (length**3 * width) * ((length / 2) ** 2 - (xc - length / 2) ** 2)
 """(5): contact pressure, Pa."""
-
 force_per_length = (Cx * slip * width * xc, mu_d * sp.Symbol("p", positive=True))
-"""(6): force per length of the locking and of the slipping branch; p stands for the pressure."""
+"""(6): force per length, N/m, where the contact sticks and where it slides; p is the pressure."""
 
 travelling_stiffness = Cx * length**2 / 2  #: (9): Kx, N.
 beam_force: Any = beam.printed_force()  #: (10), in v, sigma, N and the beam's parameters; both factors as printed.
@@ -47,14 +42,9 @@ bristle_coefficients = ((1 / Fs - Fc) * vs, (sp.Mul(Fs, 1 / Fs, evaluate=False) 
 
 bristle_g = Fs - (Fs - Fc) * plant.sigma / vs  #: (23): g(sigma), N.
 
-# --- observer; s is Laplace's, tau the filter's time constant -------------------------------------------------------
-
-laplace, tau = sp.Symbol("s"), sp.Symbol("tau", positive=True)
-
+laplace, tau = sp.Symbol("s"), sp.Symbol("tau", positive=True)  # tau: time constant of the observer's filter
 observer = _J * laplace / (tau * laplace + 1) * _omega + _B * _omega + _Tb  #: (27): Ta_hat(s).
 observer_without_derivative = (_B + _J / tau - (_J / tau) / (tau * laplace + 1)) * _omega + _Tb  #: (28): Ta_hat(s).
-
-# --- sliding-mode law ----------------------------------------------------------------------------------------------
 
 _both = 1 / (_r * _M) + _r / _J  # coefficient in s' of a torque that acts on wheel and train
 _drift = _both * _Ta - _r * _B / _J * _omega
@@ -74,11 +64,8 @@ control_law = equivalent_control + robust_control  #: (43).
 theta = (1 / (_r * _Mp), -_r * _Bp / _J)  #: (44): theta.
 
 adaptive_law = _J / _r * (_nominal + _THETA_HAT[0] * _Ta + _THETA_HAT[1] * _omega + _rho * _e) + robust_control  #: (45)
-
 lyapunov = _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k)  #: (46).
-
 _adaptation_part = sum(a * b for a, b in zip(_THETA_TILDE, _THETA_HAT_RATE, strict=True)) / _k
-
 lyapunov_rate = _s * (_nominal - _r / _J * _Tb + _THETA[0] * _Ta + _THETA[1] * _omega + _rho * _e) - _adaptation_part
 """(47): V' before the law is substituted."""
 
@@ -89,21 +76,19 @@ lyapunov_rate_with_law = (
 
 adaptation = (_k * _s * _Ta, _k * _s * _omega)  #: (49).
 
-# --- printed numbers -----------------------------------------------------------------------------------------------
-
 VISCOUS = (0.25, -0.01)  #: B = 0.25 - 0.01 t, N*m*s, t in s (p. 55).
 MASS_STEP_TIME = 25.0  #: s; the mass steps from 3517 to 5276 kg and the rail turns wet (p. 55).
 SPEEDS_KMH = (100.0, 5.0)  #: Speeds between which the stop is timed (p. 55, 56).
-PEAK_ADHESION = MappingProxyType({"dry": 0.30, "wet": 0.15})  #: Peaks of the bristle curves of Fig. 17, read from it.
+PEAK_ADHESION = MappingProxyType({"dry": 0.30, "wet": 0.15})  #: peaks of the bristle curves in Fig. 17.
 
 TABLE3 = MappingProxyType({"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)})
-"""Mean absolute errors of the adhesion coefficient of each model at 30, 60, 100, 140 km/h ([Park2008] Table 3)."""
+"""Mean absolute errors of the adhesion coefficient of each model at 30, 60, 100, 140 km/h."""
 
 TABLE3_MEANS = MappingProxyType({"beam": 0.011, "bristle": 0.0083})
 TABLE3_IMPROVEMENT = 24.5  # %, of bristle over beam
 
 TABLE5_ENERGY = MappingProxyType({"PI": 1.77e-7, "ASMC": 1.71e-7})
-"""Brake energy, kN*m, as printed in [Park2008] Table 5; p. 56 has the same digits times 10^7 N*m."""
+"""Brake energy, kN*m, as printed in Table 5; p. 56 has 1.77 10^7 and 1.71 10^7 N*m."""
 
 TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
     {
@@ -113,10 +98,9 @@ TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
         "ASMC bristle": (50.7, 581.0, 1.71e7, 0.0272),
     }
 )
-"""[Park2008] Table 5 by column: braking time, s; distance, m; energy; mean |slip error|, a ratio.
+"""Table 5 by column: braking time, s; distance, m; energy; mean |slip error|, a ratio.
 
-The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the latter is meant, as 3.6 times the
-energy in J.
+The energies are those of p. 56, in N*m. They are 3.6 times the energy in J.
 """
 
 TABLE5_TIMES = tuple(row[0] for row in TABLE5.values())  #: braking times, s

@@ -1,4 +1,4 @@
-"""Interpretation of [Park2008] that reproduces Table 5: its rules, alternatives to the rules, and their effect."""
+"""Assumptions on units and details (the "reading") with which [Park2008] Table 5 is reproduced, and alternatives."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Basis(StrEnum):
 
 @dataclass(frozen=True)
 class ReadingRule:
-    """One rule of the interpretation (the "reading"): its name, value or model used, basis, and place in the paper."""
+    """One assumption of the reading: name, value or model used, basis, and place in the paper."""
 
     name: str
     used: str
@@ -81,19 +81,16 @@ def _rules() -> tuple[ReadingRule, ...]:
 READING = _rules()  #: the rules, in the order of `reading.toml`
 
 
-# --- alternatives -----------------------------------------------------------------------------------------------------
-
-
 Change = Callable[[tables.Setup], tables.Setup | None]
-"""Function that returns the setup of a column of Table 5 with an alternative; None if the column does not change."""
+"""Function that changes the setup of a column of Table 5; it returns None if the column does not change."""
 
 _LOAD_RATIO = PARK2008.mass_loaded / PARK2008.mass
-_FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m; no controller commands such a torque, so it is no limit
+_FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m; no controller commands this torque
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Alternative to a rule of the reading: name of the rule, name of the alternative, change of the setup."""
+    """Alternative to a rule of the reading: name of the rule, name of the alternative, and change of the setup."""
 
     rule: str
     name: str
@@ -101,45 +98,36 @@ class Alternative:
 
 
 class _HalvedCurve(Curve):
-    """Curve with half the dry force on wet rail at every slip; alpha is halved too, so the peak slip is unchanged."""
+    """Curve with half the dry force on wet rail at every slip; the peak slip is unchanged."""
 
     __module__ = Curve.__module__  # uses the generated code of the curve, as the equations are the same
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha": 0.5, "beta": 2.0})
 
 
 class _LoadedWetCurve(Curve):
-    """Curve whose wheel load grows with the mass when the rail turns wet: alpha grows and beta falls with the load."""
+    """Curve whose wheel load grows with the mass when the rail turns wet."""
 
     __module__ = Curve.__module__  # uses the generated code of the curve, as the equations are the same
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha": _LOAD_RATIO, "beta": 2.0 / _LOAD_RATIO})
 
 
-# --- kinds of change -----------------------------------------------------------------------------------------------
-
-
 def _scenario(**changes: Any) -> Change:
-    """Return the change that sets fields of the scenario."""
     return lambda setup: replace(setup, scenario=setup.scenario.with_changes(**changes))
 
 
 def _part(name: str, **changes: Any) -> Change:
-    """Return the change that sets fields of the record `name` in the scenario."""
     return lambda setup: _scenario(**{name: getattr(setup.scenario, name).model_copy(update=changes)})(setup)
 
 
 def _wet_by(law: type[Curve]) -> Change:
-    """Return the change that replaces the curve by a curve with another effect of a wet rail."""
     return lambda setup: _scenario(adhesion=law(**dict(setup.scenario.adhesion)))(setup)
 
 
 def _plant(columns: Sequence[Column] = COLUMNS, **changes: Any) -> Change:
-    """Return the change that sets arguments of `published_scenario` if the gains are from `columns` of Table 4."""
     return lambda setup: replace(setup, scenario=published_scenario(**changes)) if setup.case.gains in columns else None
 
 
 def _controller(kind: type[Any], changes: Callable[[tables.Setup], dict[str, Any]]) -> Change:
-    """Return the change that sets fields of the controller in the columns whose controller has the class `kind`."""
-
     def change(setup: tables.Setup) -> tables.Setup | None:
         if not isinstance(setup.controller, kind):
             return None
@@ -153,7 +141,6 @@ def _asmc(**changes: Any) -> Change:
 
 
 def _one_reference(reference: ReferenceSlip) -> Change:
-    """Return the change that gives the controller of every column of Table 5 the same reference slip."""
     return lambda setup: replace(
         setup, controller=published_controller(setup.case.kind, setup.case.gains, reference=reference)
     )
@@ -169,12 +156,8 @@ def _si_gains(setup: tables.Setup) -> dict[str, Any]:
 
 
 def _rates_of_s(setup: tables.Setup) -> dict[str, Any]:
-    """D and K, SI, if the printed values are those of s' in [Park2008] (39), in 1/h and km/h^2.
-
-    The factor J/r converts them to torque gains.
-    """
     printed, vehicle = TABLE4_SLIDING_PRINTED[setup.case.gains], setup.scenario.vehicle
-    per_hour = 1.0 / 3600.0
+    per_hour = 1.0 / 3600.0  # (39) has D in 1/h and K in km/h^2; J/r converts them to torque gains
     torque = vehicle.effective_inertia / vehicle.wheel.radius
     return {"D": torque * printed.D * per_hour, "K": torque * printed.K * KMH * per_hour}
 
@@ -185,8 +168,6 @@ def _adaptation(setup: tables.Setup) -> dict[str, Any]:
 
 
 _ANTI_WINDUP = {"torque_min": 0.0, "anti_windup": True}
-
-# --- the alternatives ----------------------------------------------------------------------------------------------
 
 ALTERNATIVES = (
     Alternative("inertia scale", "SI: M, J and B unchanged", _plant(as_published=False)),
@@ -228,14 +209,11 @@ ALTERNATIVES = (
     Alternative("caliper", "no Td", _part("disturbances", caliper_fraction=0.0)),
     Alternative("slip error", "against each column's own reference", lambda setup: replace(setup, own_reference=True)),
 )
-"""Alternatives to the rules that allow another interpretation, in the order of `reading.READING`."""
-
-
-# --- effect of each rule ----------------------------------------------------------------------------------------------
+"""Alternatives to the rules of the reading, in the order of `READING`."""
 
 
 DEFAULT_SEEDS = 8
-"""Runs of each column; fewer than for Table 5, as most of the noise cancels between runs with the same seed."""
+"""Runs of each column; fewer than for Table 5, because runs are compared with the same seeds."""
 
 _UNTOUCHED = np.full(len(tables.QUANTITIES), math.nan)
 
@@ -244,11 +222,10 @@ _UNTOUCHED = np.full(len(tables.QUANTITIES), math.nan)
 class SensitivityRow:
     """Results if one rule of the reading is replaced by an alternative.
 
-    - results: one result for each of the four columns of Table 5. A column that the alternative does not change has the
-      result of the reading.
+    - results: for each column of Table 5; those of the reading if the alternative does not change the column.
     - rms_deviation_percent: rms deviation from Table 5 over all sixteen numbers, %; NaN if a run did not stop.
     - largest_change_percent, largest_change_of: largest change of a number of Table 5 against the reading, %, and the
-      name of this number. Only changed columns whose runs all stopped count; NaN and "" if there is none.
+      name of this number; NaN and "" if every changed column has a run that did not stop.
     """
 
     alternative: Alternative
@@ -259,17 +236,15 @@ class SensitivityRow:
 
     @property
     def not_stopped(self) -> dict[str, int]:
-        """Number of runs that did not stop, by column; columns in which every run stopped are left out."""
+        """Number of runs that did not stop, for each column with such runs."""
         return {one.setup.case.name: len(one.failures) for one in self.results if one.failures}
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Results for Table 5 with our interpretation of the paper (the "reading") and with each alternative; same seeds.
+    """Results for Table 5 with the reading (`base`) and with each alternative (`rows`).
 
-    - base: results of the reading, one for each of the four columns of Table 5.
-    - rows: results of the alternatives.
-    - seeds: number of runs of each column.
+    - seeds: number of runs of each column; all setups use the same seeds.
     """
 
     base: tuple[tables.CaseResult, ...]
@@ -278,7 +253,7 @@ class Sensitivity:
 
     @property
     def base_rms_deviation_percent(self) -> float:
-        """Rms deviation of the reading itself from Table 5, %."""
+        """Rms deviation of the reading from Table 5, %."""
         return tables.rms_deviation_percent(self.base)
 
 
@@ -291,8 +266,7 @@ def sensitivity(
     """Run the reading and each alternative to one of its rules, and compare all results with [Park2008] Table 5.
 
     - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
-    - alternatives: alternatives to run.
-    - progress: function that is called with a line of text for each alternative done.
+    - progress: called with a line of text for each alternative done.
     """
     tables.checked_seeds(seeds)
     base = tables.run_setups([tables.published_setup(case) for case in tables.CASES], seeds)

@@ -1,7 +1,6 @@
-"""Tables 3 and 5 and the adhesion curves of [Park2008], compared with computed results.
+"""Tables 3 and 5, adhesion curves and further facts of [Park2008], compared with computed results.
 
-Each column of Table 5 is the mean of many seeded runs, on all cores. For Table 3 only the arithmetic of the printed
-numbers can be checked. The curves are those of Figs. 13 to 15 and 17.
+The errors in Table 3 cannot be recomputed, only their means.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from . import printed
 from .printed import TABLE5
 
 QUANTITIES = ("braking_time_s", "braking_distance_m", "brake_energy_published_reading", "mean_abs_slip_error")
-"""Quantities of Table 5, by their names in the comparison."""
+"""Names of the quantities of Table 5."""
 
 MOST_SEEDS = 100_000  #: largest number of runs of a column
 
@@ -53,7 +52,6 @@ class TableColumn:
 
     @property
     def name(self) -> str:
-        """Heading of the column in Table 5."""
         return f"{self.kind.upper()} {self.gains}"
 
 
@@ -68,7 +66,7 @@ CASES = (
 
 @dataclass(frozen=True)
 class Setup:
-    """Scenario and controller of a column, and how its numbers are computed.
+    """Scenario and controller of a column of Table 5.
 
     - own_reference: if true, the slip error is the distance from the controller's reference slip; if false, from 0.132
       on dry and 0.092 on wet rail.
@@ -89,7 +87,7 @@ class Setup:
 
 
 def published_setup(case: TableColumn) -> Setup:
-    """Setup of a `case`, a column of Table 5, by the rules of interpretation in `reading.READING`."""
+    """Setup of a column of Table 5, with the rules of `reading.READING`."""
     return Setup(case, published_scenario(), published_controller(case.kind, case.gains))
 
 
@@ -97,7 +95,7 @@ def published_setup(case: TableColumn) -> Setup:
 class CaseResult:
     """Runs of a setup.
 
-    - values: (runs, 4), the `QUANTITIES` of each run, NaN if it did not stop.
+    - values: shape (runs, 4), the `QUANTITIES` of each run; NaN if it did not stop.
     - failures: outcomes of the runs that did not stop.
     """
 
@@ -107,12 +105,12 @@ class CaseResult:
 
     @property
     def mean(self) -> Floats:
-        """Means over the runs, (4,); NaN unless all of them stopped."""
+        """Means over the runs, shape (4,); NaN unless every run stopped."""
         return np.asarray(self.values.mean(axis=0))
 
     @property
     def standard_error(self) -> Floats:
-        """Standard errors of the means, (4,); NaN for a single run."""
+        """Standard errors of the means, shape (4,); NaN for a single run."""
         runs = self.values.shape[0]
         if runs < 2:
             return np.full(len(QUANTITIES), math.nan)
@@ -127,10 +125,9 @@ def checked_seeds(seeds: int) -> int:
 
 
 def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None = None) -> tuple[CaseResult, ...]:
-    """Run each setup with seeds 0, 1, ... on all cores; a setup without random force runs once.
+    """Run each setup with the seeds 0, 1, ... on all cores; a setup without random force runs once.
 
-    All setups use the same seeds, so that differences between setups are not noise. `progress` is called after each
-    setup.
+    `progress` is called after each setup.
     """
     results = []
     with ThreadPoolExecutor(cpu_count()) as pool:  # threads suffice, as a run releases the interpreter's lock
@@ -148,12 +145,9 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
 
 
 def published_runs(*, seed: int = 0) -> dict[str, Run]:
-    """Simulate one run of each column of Table 5 with a `seed`; return the runs by name, with a row every 20 steps."""
+    """Simulate each column of Table 5 once, and return the runs by name; every 20th step is recorded."""
     setups = [published_setup(case) for case in CASES]
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=20) for s in setups}
-
-
-# --- Table 5 ----------------------------------------------------------------------------------------------------------
 
 
 TOLERANCE_PERCENT = 4.0
@@ -164,11 +158,9 @@ DEFAULT_SEEDS = 256  #: number of runs of each column
 
 @dataclass(frozen=True)
 class Row:
-    """One number of [Park2008] Table 5, published and obtained.
+    """One number of [Park2008] Table 5, published and obtained, with the standard error of the obtained mean.
 
-    `item` names column and quantity, for example "Table 5 / PI beam / braking_time_s". `standard_error` comes from the
-    scatter of the runs. A number with a deviation up to `tolerance_percent` counts as reproduced. Deviations
-    are in percent of the published number, NaN if a run did not stop.
+    `item` names column and quantity, for example "Table 5 / PI beam / braking_time_s".
     """
 
     item: str
@@ -180,18 +172,17 @@ class Row:
 
     @property
     def deviation_percent(self) -> float:
-        """Relative deviation of the obtained from the published number, %."""
+        """Deviation of the obtained number in % of the published one; NaN if a run did not stop."""
         return 100.0 * (self.obtained / self.published - 1.0)
 
     @property
     def within(self) -> bool:
-        """True if the deviation is within the tolerance; false if it is NaN."""
         return abs(self.deviation_percent) <= self.tolerance_percent
 
 
 @dataclass(frozen=True)
 class Table5:
-    """Comparison with Table 5: rows for each column and quantity, runs of each column, and number of seeds."""
+    """Comparison with Table 5: a row for each number, the runs of each column, and the number of seeds."""
 
     rows: tuple[Row, ...]
     results: tuple[CaseResult, ...]
@@ -199,12 +190,11 @@ class Table5:
 
     @property
     def rms_deviation_percent(self) -> float:
-        """Root mean square of the rows' deviations, %; NaN if a run did not stop."""
+        """Root mean square of the deviations of the rows, %; NaN if a run did not stop."""
         return rms_deviation_percent(self.results)
 
     @property
     def within(self) -> bool:
-        """True if every row is within its tolerance."""
         return all(row.within for row in self.rows)
 
 
@@ -212,7 +202,7 @@ def table5(seeds: int = DEFAULT_SEEDS, *, progress: Progress | None = None) -> T
     """Run the four columns and compare them with [Park2008] Table 5.
 
     - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
-    - progress: callable; called with a line for each column done.
+    - progress: called with a line of text for each column done.
     """
     results = run_setups([published_setup(case) for case in CASES], checked_seeds(seeds), progress=progress)
     rows = tuple(
@@ -239,9 +229,6 @@ def rms_deviation_percent(results: tuple[CaseResult, ...]) -> float:
     return math.sqrt(sum(value**2 for value in values) / len(values))
 
 
-# --- Table 3 ----------------------------------------------------------------------------------------------------------
-
-
 ADHESION_REGIME = (0.0193, 0.0138)  #: errors of beam and bristle while adhesion rises with slip, Figs. 14 and 15.
 
 NOT_REPRODUCIBLE = (
@@ -253,13 +240,11 @@ NOT_REPRODUCIBLE = (
 
 @dataclass(frozen=True)
 class Table3:
-    """Means and improvements that follow from the printed errors of the adhesion coefficient (ratios).
+    """Means and improvements of [Park2008] Table 3, from its printed errors of the adhesion coefficient (ratios).
 
-    - beam_mean, bristle_mean: means of the printed rows.
-    - improvement_percent: improvement of bristle over beam, computed from these means.
-    - improvement_of_printed_means_percent: the same improvement from the printed means.
-    - improvement_in_adhesion_regime_percent: the same improvement from the errors while adhesion rises with slip.
-    - not_reproducible: statement on the numbers that cannot be recomputed.
+    - improvement_percent: improvement of bristle over beam, computed from `beam_mean` and `bristle_mean`.
+    - improvement_of_printed_means_percent: this improvement, computed from the printed means.
+    - improvement_in_adhesion_regime_percent: this improvement, computed from the errors while adhesion rises with slip.
     """
 
     beam_mean: float
@@ -272,12 +257,11 @@ class Table3:
 
     @property
     def improvement_follows_from_printed_means(self) -> bool:
-        """True if the printed improvement follows from the printed means, to its last digit."""
         return abs(self.improvement_of_printed_means_percent - printed.TABLE3_IMPROVEMENT) <= 0.05
 
 
 def table3() -> Table3:
-    """Recompute the means and improvements of Table 3 from its printed errors."""
+    """Recompute the means and improvements of Table 3."""
     beam, bristle = (sum(row) / len(row) for row in printed.TABLE3.values())
     return Table3(
         beam_mean=beam,
@@ -292,12 +276,9 @@ def _improvement(before: float, after: float) -> float:
     return 100.0 * (1.0 - after / before)
 
 
-# --- adhesion curves --------------------------------------------------------------------------------------------------
-
-
 SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: initial braking speeds of the rig tests, [Park2008] Table 1
 
-LAWS = ("beam", "curve", "bristle")  #: laws drawn: beam model; bristle model along a slip ramp, and in steady state
+LAWS = ("beam", "curve", "bristle")  #: beam model; bristle model along a slip ramp, and in steady state
 
 _POINTS = 801  # number of points of a curve
 
@@ -319,7 +300,6 @@ class ModelCurve:
 
     @property
     def rises(self) -> bool:
-        """True if adhesion rises with slip to a peak; false if it falls from slip 0 on, as for `bristle`."""
         return bool(self.peak.slip > self.slip[1])
 
 
@@ -330,15 +310,12 @@ def model_curves(
     rails: Sequence[Rail] = (Rail.DRY,),
     largest_slip: float = 1.0,
 ) -> tuple[ModelCurve, ...]:
-    """Adhesion curves of [Park2008] Figs. 13 to 15, at the rig's wheel load.
+    """Adhesion curves of [Park2008] Figs. 13 to 15 at the rig's wheel load, ordered by law, then speed, then rail.
 
-    - laws: names of the laws.
     - speeds_kmh: initial speeds v0, km/h, 30 to 140.
-    - rails: rail conditions.
-    - largest_slip: upper end of the slip ratio; a curve ends earlier if the domain of its law does.
+    - largest_slip: largest slip ratio; a curve ends earlier if the domain of its law does.
 
-    The curves are ordered by law, then initial speed, then rail. InputError for an unknown law, or a speed out of
-    range; MissingParametersError for a law without published parameters.
+    InputError: unknown law, or speed out of range. MissingParametersError: law without published parameters.
     """
     return tuple(_curve(law, rail, v0, largest_slip) for law in laws for v0 in speeds_kmh for rail in rails)
 
@@ -360,23 +337,17 @@ def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> ModelCurve:
 
 
 def wet_and_dry() -> tuple[ModelCurve, ...]:
-    """Curves of [Park2008] Fig. 17 up to slip 0.5, at 100 km/h, dry and wet: the laws `curve` and `beam`."""
+    """Curves of [Park2008] Fig. 17, dry and wet, up to slip 0.5 at 100 km/h: the laws `curve` and `beam`."""
     return model_curves(("curve", "beam"), speeds_kmh=(INITIAL_SPEED_KMH,), rails=tuple(Rail), largest_slip=0.5)
 
 
-# --- further facts of the published runs; the texts are in `facts.toml` ----------------------------------------------
-
-
 SLIDING_SHARES = (0.65, 0.85)
-"""Shares of time with s s' < 0 that count as about three quarters.
-
-If s slides to 0 the share is 1; if s moves at random it is 1/2.
-"""
+"""Lowest and highest share of time with s s' < 0 for "three quarters"; it is 1 in sliding, 1/2 for a random s."""
 
 SLOW = 3.0
-"""Limit of the ratio of braking times with and without adaptation; above it the adaptation counts as failed."""
+"""Ratio of braking times with and without adaptation above which the adaptation has failed."""
 
-LATE_SHARE = 0.5  #: locking counts as late within this last share of the braking time
+LATE_SHARE = 0.5  #: locking in this last share of the braking time is late
 
 _SEED = 0  # seed of the runs with noise
 
@@ -393,7 +364,7 @@ class Fact:
 
 
 def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
-    """Compute further facts of the published runs, in some seconds; `progress` is called for each fact."""
+    """Compute further facts of the published runs; the texts are in `facts.toml`."""
     facts = []
     for decide in (pi_margins, no_sliding, reaching_fails, wet_rail_unknown, adaptation_unstable, si_stops_early):
         facts.append(decide())
@@ -403,7 +374,7 @@ def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
 
 
 def pi_loop(column: Column, inertia_scale: float) -> Assessment:
-    """Assess the loop with the PI gains and the reference slip of a column of [Park2008] Table 4 and the actuator.
+    """Assess the loop with the PI gains and reference slip of a column of [Park2008] Table 4, with the actuator.
 
     The plant is the dry bristle model at 100 km/h, with M, J and B multiplied by `inertia_scale`.
     """
@@ -415,7 +386,6 @@ def pi_loop(column: Column, inertia_scale: float) -> Assessment:
 
 
 def _fact(name: str, holds: bool, **numbers: Any) -> Fact:
-    """Make the fact `name`, with its texts from `facts.toml`."""
     statement, found, how = (
         filled(texts(__package__, "facts.toml")[name][part], numbers) for part in ("statement", "found", "how")
     )
@@ -506,7 +476,6 @@ def _asmc(column: Column, *, knows_rail: bool = True, adaptive: bool = False) ->
 
 
 def _rail_change(scenario: Scenario) -> float:
-    """Time at which the rail turns wet, s."""
     return next(event.time for event in scenario.events if event.rail is Rail.WET and event.time is not None)
 
 

@@ -1,4 +1,4 @@
-"""Reports on a campaign (many runs with varied quantities), and on one repeated run of it, as text and JSON."""
+"""Results of a campaign (many runs with varied quantities) and of one repeated run, as text and JSON."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def quantity_heads(campaign: Campaign) -> dict[str, str]:
 
 
 def campaign_text(summary: CampaignSummary) -> str:
-    """Return the report of a campaign: varied quantities, outcomes, statistics, comparison and worst runs."""
+    """Return the report of a campaign as text."""
     parts: list[RenderableType] = [heading(f"Campaign: {summary.runs} runs of {summary.campaign.scenario.name}")]
     parts += [Facts(_campaign_facts(summary)), heading("Outcomes", "-"), _outcome_table(summary)]
     if failed := _failures(summary):
@@ -89,7 +89,7 @@ def campaign_table(summary: CampaignSummary) -> str:
 
 
 def replay_text(replayed: Replay) -> str:
-    """Return the report on one run of a campaign that was simulated again."""
+    """Return the report on one repeated run of a campaign as text."""
     rows = [("Sampled", ", ".join(f"{name} {fixed(value)}" for name, value in replayed.values.items()) or "nothing")]
     known = "bit for bit equal to the stored row" if replayed.stored else "the folder does not contain this run yet"
     rows.append(("Compared", known))
@@ -102,7 +102,7 @@ def replay_text(replayed: Replay) -> str:
 
 
 def replay_json(replayed: Replay) -> dict[str, Any]:
-    """Return one run that was simulated again as JSON, with unrounded numbers."""
+    """Return one repeated run of a campaign as JSON, with unrounded numbers."""
     runs = {
         name: {"outcome": run.outcome.value, **{measure.name: plain(measure.of(run)) for measure in COLUMNS}}
         for name, run in replayed.runs.items()
@@ -111,7 +111,7 @@ def replay_json(replayed: Replay) -> dict[str, Any]:
 
 
 def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
-    """Return a campaign as JSON, with unrounded numbers; an end of an interval is null if it is unbounded."""
+    """Return a campaign as JSON, with unrounded numbers; an unbounded end of an interval is null."""
     pair_names = {"mean_difference": "difference", "share_second_smaller": "second_smaller"}
     named = {"hash": "fingerprint", "scenario": "scenario.name", "runs_asked": "runs"}
     return {
@@ -147,9 +147,6 @@ def _controller_json(item: ControllerSummary) -> dict[str, Any]:
         for name, measure in item.measures.items()
     }
     return exported(item, "outcomes", "worst", **shares) | {"measures": measures}
-
-
-# --- text -----------------------------------------------------------------------------------------------------------
 
 
 def _campaign_facts(summary: CampaignSummary) -> list[tuple[str, str]]:
@@ -261,7 +258,6 @@ def _paired_table(summary: CampaignSummary) -> RenderableType:
 
 
 def _worst(summary: CampaignSummary) -> list[RenderableType]:
-    """Return a list of runs that did not stop, by run number, and a table of the worst runs that stopped."""
     heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     rows = [
         (c.name, str(row["run"]), _shown(measure, row[measure.name]), *(fixed(row[name]) for name in heads))
@@ -273,7 +269,6 @@ def _worst(summary: CampaignSummary) -> list[RenderableType]:
 
 
 def _with_interval(estimate: Estimate, scale: float = 1.0) -> str:
-    """Return a value with its interval in brackets, with as many digits as the interval justifies."""
     value, low, high = (scale * v for v in estimate)
     if math.isnan(value):
         return "-"

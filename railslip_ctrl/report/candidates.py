@@ -1,7 +1,6 @@
-"""Candidates of a design report: they are judged, run in stops, and sorted.
+"""Candidates of a design report: they are judged, simulated in stops, and sorted.
 
-First the margins of a candidate are judged. If they qualify, nominal stops are simulated. If the candidate can then
-still be the best, harder stops are simulated, with errors or on a changing rail.
+Nominal stops are simulated with each candidate whose margins qualify, and harder stops with the best of these.
 """
 
 from __future__ import annotations
@@ -33,43 +32,28 @@ from .stops import Stop, as_reference, as_run, harder_stops, locks_at_once, oper
 SEEKING = Seeking.kind
 
 TIE = 0.02
-"""Relative difference below which two mean stops, or two worst Ms, count as equal."""
+"""Relative difference below which two mean stops, or two worst Ms, are considered equal."""
 
 PREFERENCES = ("distance", "robustness")
 
-NOT_RUN = "not run in the harder stops"
-"""Reason given for a candidate that did not run the harder stops, because others are better in the nominal stops."""
+NOT_RUN = "not run in the harder stops"  #: reason for a candidate that others surpass in the nominal stops
 
 NEARLY_UNSTABLE = 50.0
-"""Largest worst Ms with tolerances of a candidate that qualifies, a ratio.
-
-|1 + L| is then at least 1/50. Therefore no loop becomes unstable by an error of 1.9 % in its gain, which a worn wheel
-may cause.
-"""
+"""Largest worst Ms with tolerances of a candidate that qualifies; no gain error of 1.9 % then makes a loop unstable."""
 
 FASTER = (0.75, 0.5, 0.25)
-"""Factors on dead time and lag: if no candidate qualifies, brakes that are faster by these factors are tried."""
+"""Factors on dead time and lag of the faster brakes that are tried if no candidate qualifies."""
 
 HELD_SHARE = 0.75
-"""Controllers that are not tuned track the envelope's reference slip times this factor.
-
-This slip is below the adhesion peak, as in most tuned designs.
-"""
+"""Share of the envelope's reference slip that untuned controllers track, to stay below the adhesion peak."""
 
 MOST_LINEAR = 3  # number of linear designs that run in stops; the most robust one may not have the shortest stop
-
 _LATEST = 0.5  # largest hand-over speed over the highest speed; slip is then controlled over 3/4 of the stop or more
-
 _COMPLETE = 2  # number of qualified candidates that run the harder stops: the best two
-
 _NEAR = 0.1  # relative difference of nominal mean stops, or of worst Ms, that the harder stops may reverse
 
 Beside = Callable[..., Callable[[], Any]]
-"""Function that takes another function and its arguments, starts it in a second process, and returns a third function.
-
-A call of the third function waits for the result and returns it. If there is no second process, the third function
-computes the result itself.
-"""
+"""Function that starts another function in a second process, and returns a function that waits for the result."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +66,7 @@ class Trial:
     - above_kmh: speed, km/h, above which the candidate qualifies. If it does not qualify, this is None, and `reason`
       says why.
     - lowest_kmh: `worst_ms` ignores speeds below this one, km/h.
-    - stops: nominal stops.
-    - harder: stops with errors, and stops on a changing rail; empty if the candidate cannot be the best.
+    - stops, harder: nominal and harder stops.
     """
 
     choice: StructureChoice
@@ -93,11 +76,10 @@ class Trial:
     stops: tuple[Stop, ...]
     harder: tuple[Stop, ...] = ()
     reason: str = ""
-    robust_kmh: float | None = None  # speed above which its margins are robust; 0 for a controller without margins
+    robust_kmh: float | None = None  # km/h, speed above which the margins are robust; 0 without margins
 
     @property
     def judgement(self) -> Judgement | None:
-        """Judgement of the candidate over the envelope; None if the controller has no margins."""
         return None if self.choice.design is None else self.choice.design.judgement
 
     def distance(self) -> float:
@@ -120,10 +102,7 @@ class Trial:
 
     @cached_property
     def worst_ms(self) -> float:
-        """Worst Ms at speeds of at least `lowest_kmh` and the hand-over speed; inf if a loop is unstable there.
-
-        It includes the tolerances, unless only operating points are judged. It is inf for a controller without margins.
-        """
+        """Worst Ms at speeds above `lowest_kmh` and the hand-over speed; inf if unstable or without margins."""
         if self.judgement is None:
             return math.inf
         speeds = self.judgement.points.speed_kmh
@@ -139,10 +118,9 @@ def _mean(values: Iterable[float]) -> float:
 def ordered(trials: Sequence[Trial], prefer: str = "distance") -> list[Trial]:
     """Sort the trials, the best first.
 
-    Candidates that qualify come first, sorted by mean braking distance. Distances within `TIE` of the shortest count as
-    equal: these candidates are sorted by worst Ms, then by air consumption. If `prefer` is "robustness", distance and
-    worst Ms change places in these rules. Candidates that do not qualify follow, sorted by the number of nominal stops
-    with a locked wheel, then by mean distance of the nominal stops.
+    Candidates that qualify come first, in the order of mean braking distance. Those within `TIE` of the shortest
+    distance are sorted by worst Ms, then by air consumption. If `prefer` is "robustness", distance and worst Ms change
+    places.
     """
     first, second = (Trial.distance, _worst) if prefer == "distance" else (_worst, Trial.distance)
     good = sorted((trial for trial in trials if trial.above_kmh is not None), key=first)
@@ -167,7 +145,7 @@ def _as_given(trial: Trial) -> tuple[bool, int, float]:
 
 @dataclass(frozen=True)
 class Remedy:
-    """Slowest of the faster brakes with which a controller qualifies, and the trial of this controller with it."""
+    """A faster brake, described in words, and the trial of a controller that qualifies with this brake."""
 
     description: str
     trial: Trial
@@ -176,11 +154,8 @@ class Remedy:
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
     """Simulate the harder stops with the candidates that can be the best, and sort all trials, the best first.
 
-    The harder stops are simulated first with the candidate that has the shortest nominal stops (or, if `prefer` is
-    "robustness", the smallest worst Ms), then with the next one, until two candidates qualify. After that, a candidate
-    is tried only if its distance (or Ms) is at most 10 % above that of the first candidate that qualified. If none
-    qualifies, the harder stops are simulated with the least bad candidate and with slide protection. If `nominal`, they
-    are not simulated. `submit` starts a function in a second process.
+    Candidates are tried in the order of nominal distance (worst Ms if `prefer` is "robustness") until two qualify, then
+    only those within 10 % of the first. `submit` starts a function in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)
@@ -213,7 +188,6 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
 
 
 def _completed(trial: Trial, envelope: Envelope) -> Trial:
-    """Simulate the harder stops; if the candidate then does not qualify, try higher hand-over speeds."""
     result = _with_harder(trial, envelope)
     if result.above_kmh is not None:
         return result
@@ -223,7 +197,6 @@ def _completed(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
-    """Add the nominal stops to a trial without them, and update the reasons why it does not qualify."""
     if trial.stops:
         return trial
     judgement = trial.judgement or unjudged(envelope)
@@ -231,7 +204,6 @@ def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
-    """Add the harder stops to a trial without them, and update the reasons why it does not qualify."""
     if trial.harder:
         return trial
     judgement = trial.judgement or unjudged(envelope)
@@ -239,17 +211,15 @@ def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def named(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the package's controllers that can run on this vehicle without tuning."""
+    """Names of the controllers that can run on this vehicle without tuning."""
     own = ("asmc", "scheduled") if is_published(vehicle) and not is_tuned_when_asked("scheduled", vehicle) else ()
     return (*BY_RULE, *own)
 
 
 def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Trial | None:
-    """Trial of the package's controller `name`; None if this controller has no parameters for the vehicle.
+    """Trial of the untuned controller `name`; None if it has no parameters for the vehicle.
 
-    A controller with a reference slip tracks `HELD_SHARE` of the envelope's reference slip. A seeking controller is
-    judged at the slips that it finds. If `hard`, harder stops are simulated too. If the controller does not qualify and
-    has a fade speed, higher hand-over speeds are tried.
+    If `hard`, harder stops are simulated too.
     """
     try:
         control = controller_named(name, envelope.vehicle)
@@ -278,11 +248,6 @@ def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Tria
 
 
 def _handed_over_later(control: Any, envelope: Envelope, judged: Judgement | None) -> Iterator[Controller]:
-    """Copies of a controller with higher hand-over speeds, at most half the highest speed of the envelope.
-
-    The new hand-over speeds are speeds of the envelope above which the controller is robust. The fade speed is raised
-    by the same factor as the hand-over speed.
-    """
     robust = None if judged is None else judged.robust_from_kmh
     for speed in sorted(envelope.speeds):
         ratio = speed * KMH / control.controlled_from
@@ -301,11 +266,7 @@ def _judged(name: str, control: Controller, envelope: Envelope, nominal: bool, h
 def _trial(
     choice: StructureChoice, control: Controller, judgement: Judgement, robust: float | None, hard: bool
 ) -> Trial:
-    """Trial of a controller whose margins are robust above the speed `robust`, km/h.
-
-    `robust` is None if the margins are not robust at the highest speed, and 0 for a controller without margins.
-    If its margins qualify, nominal stops are simulated. If it then still qualifies and `hard`, harder stops follow.
-    """
+    # `robust` is the speed, km/h, above which the margins are robust; None if there is none, 0 without margins
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0 if judgement.controller else 0.0
     result = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
     if not result.reason:
@@ -321,7 +282,6 @@ def _concluded(trial: Trial, judgement: Judgement) -> Trial:
 
 
 def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
-    """Yield the reasons why a trial does not qualify."""
     over, robust = trial.control.controlled_from / KMH, trial.robust_kmh
     if robust is None:
         yield "not robust at the highest speed"
@@ -340,10 +300,9 @@ def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
 
 
 def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
-    """Trial of a tuned linear design, with the lowest hand-over speed that makes it qualify.
+    """Trial of a tuned linear design with the lowest hand-over speed at which it qualifies.
 
-    Above this speed the design is robust and no wheel locks. It is at most half the highest speed of the envelope. If
-    `nominal`, tolerances are ignored. If `hard`, harder stops are simulated too.
+    If `hard`, harder stops are simulated too.
     """
     assert choice.design is not None, "only choices with a design are tried"
     design, judgement = choice.design, choice.design.judgement
@@ -370,11 +329,7 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
 
 
 def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
-    """Find the slowest of the faster brakes (`FASTER`) with which a controller qualifies; None if there is none.
-
-    Only controllers whose parameters are computed from the vehicle alone are tried, the least bad first. Smaller slips
-    and higher hand-over speeds are not tried, because they have already failed with the given brake.
-    """
+    """Find the slowest brake of `FASTER` with which an untuned controller qualifies; None if there is none."""
     names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
     old = envelope.vehicle.actuator
     for factor in FASTER:
@@ -388,12 +343,12 @@ def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Rem
 
 
 def unjudged(envelope: Envelope) -> Judgement:
-    """Judgement that contains only the operating points of an envelope, without controller and margins."""
+    """Judgement that contains the operating points of an envelope, but no controller and no margins."""
     return Judgement(None, envelope, True, envelope.points(nominal=True), None)  # type: ignore[arg-type]
 
 
 def no_margins(controller: Any) -> str:
-    """Text that says why a controller has no stability margins; empty if it has them."""
+    """Reason why a controller has no stability margins; empty if it has them."""
     thing = controller.thing.thing if isinstance(controller, StepControl) else controller
     if isinstance(thing, Controller):
         own = type(thing)

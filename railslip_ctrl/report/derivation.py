@@ -40,12 +40,7 @@ def derivation_json(
     code: LawCode | None = None,
     numbers: Sequence[LawNumbers] = (),
 ) -> dict[str, Any]:
-    """Return a derivation as JSON: steps with method and check, and the law.
-
-    - errata: printed formulas of [Park2008] compared with the derived ones.
-    - code: the law as Python and C code.
-    - numbers: values of the law's parameters for each rail.
-    """
+    """Return a derivation as JSON, with errata, code and numeric parameters of the law if given."""
     formulas = [None if rows.torque is None else f"T_b = {latex(rows.torque)}" for rows in numbers]
     of_rails = {
         rows.rail.value: {"parameters": dict(rows.parameters), "latex": formula}
@@ -67,7 +62,6 @@ def derivation_json(
 
 
 def _law(derivation: Derivation | PredictiveDerivation) -> tuple[sp.Symbol, sp.Expr]:
-    """Return the symbol of the commanded torque, and its formula."""
     if isinstance(derivation, Derivation):
         return plant.Tb, derivation.law_in_adhesion
     return sliding_symbol("u"), derivation.control_law
@@ -109,13 +103,10 @@ def _mark(checked: bool) -> str:
     return "checked" if checked else "CHECK FAILS"
 
 
-# --- text ----------------------------------------------------------------------------------------------------------
-
-
 def derivation_text(
     derivation: Derivation | PredictiveDerivation, errata: Sequence[Erratum] = (), numbers: Sequence[LawNumbers] = ()
 ) -> str:
-    """Return a derivation as plain text; `errata` and `numbers` are as in `derivation_json`."""
+    """Return a derivation as plain text, with errata and numeric parameters of the law if given."""
     parts: list[RenderableType] = [
         heading(_title(derivation)),
         Text(f"railslip_ctrl {__version__}; {_case(derivation)}; {_outcome(derivation)}.\n"),
@@ -149,15 +140,12 @@ def derivation_text(
 
 
 def _sources(derivation: Derivation | PredictiveDerivation) -> list[str]:
-    """Return a line of bibliography for each source that the steps cite."""
     return [
         f"[{key}] {text}"
         for key, text in SOURCES.items()
         if any(f"[{key}]" in step.source for step in derivation.steps)
     ]
 
-
-# --- Markdown and LaTeX ----------------------------------------------------------------------------------------------
 
 _MARKDOWN = {letter: "\\" + letter for letter in "*_|<>`"}
 _LATEX = {
@@ -174,10 +162,9 @@ def derivation_document(
     code: LawCode | None = None,
     numbers: Sequence[LawNumbers] = (),
 ) -> str:
-    """Return a derivation as a document: `form` "markdown" with LaTeX formulas, or "latex".
+    """Return a derivation as a document; `form` is "markdown" (with LaTeX formulas) or "latex".
 
-    The LaTeX document needs the packages amsmath, geometry, graphicx and listings, and reduces formulas that are too
-    wide. `errata`, `code` and `numbers` are as in `derivation_json`.
+    The LaTeX document needs the packages amsmath, geometry, graphicx and listings.
     """
     template, escapes = {"markdown": ("derivation.md", _MARKDOWN), "latex": ("derivation.tex", _LATEX)}[form]
     # delimiters without braces, because LaTeX uses braces

@@ -1,4 +1,4 @@
-"""Files that the page of `railslip design` saves: the controller (TOML), a Python script that makes it, its report."""
+"""Files that the page of `railslip design` saves: controller (TOML), Python script, and report."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def toml_text(envelope: Envelope, control: Controller) -> str:
 def script_text(envelope: Envelope, control: Controller) -> str:
     """Return a Python script that makes envelope and controller, judges the controller, runs a stop, and saves it.
 
-    InputError: the controller's class or an adhesion law comes from a file of the user, which the script cannot load.
+    InputError: the controller's class or an adhesion law comes from a file of the user.
     """
     kind = type(control)
     if python_file(kind) is not None or any(isinstance(law, AdhesionLaw) for law in envelope.laws):
@@ -63,7 +63,6 @@ def _shown(values: Mapping[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Convert a value to Python's built-in types."""
     if isinstance(value, Record | Mapping):
         return {name: _plain(entry) for name, entry in dict(value).items() if entry is not None}
     if isinstance(value, tuple | list):
@@ -74,7 +73,7 @@ def _plain(value: Any) -> Any:
 
 
 def report_text(envelope: Envelope, control: Controller) -> str:
-    """Compute the design report of the envelope with this controller, and return it as an HTML page."""
+    """Return the design report of the envelope with this controller as an HTML page."""
     check_extra("html", "report")
     report = design_report(envelope, given={control.label: control}, sliding=False)
     pictures = Pictures()
@@ -86,4 +85,4 @@ def report_text(envelope: Envelope, control: Controller) -> str:
 FILES: Mapping[str, Callable[[Envelope, Controller], str]] = MappingProxyType(
     {"controller.toml": toml_text, "design.py": script_text, "report.html": report_text}
 )
-"""For each file name, the function that returns the content of the file as text."""
+"""For each file name, the function that returns the content of the file."""

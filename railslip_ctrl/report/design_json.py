@@ -19,13 +19,12 @@ from .export import exported, plain
 
 
 def _gains_json(choice: StructureChoice) -> dict[str, float | None]:
-    """Gains kp and ki of a candidate, SI; null if the candidate is not a PI or PI-lead."""
     own = None if choice.design is None else choice.design.controller
     return {"kp_si": own.kp, "ki_si": own.ki} if isinstance(own, PI) else {"kp_si": None, "ki_si": None}
 
 
 def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[str, Any]:
-    """Return recommendation, envelope, candidates, stops and limits as JSON, in SI except speeds in km/h."""
+    """Return a design report as JSON, in SI except speeds in km/h; `files` are the names of its files."""
     judgement = report.judgement
     return {
         "version": __version__,
@@ -87,7 +86,6 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
 
 
 def _trial_json(trial: Trial) -> dict[str, Any]:
-    """Numbers of a candidate by which candidates are sorted."""
     return {
         **exported(trial.choice, "structure", "reference_factor"),
         "usable_from_kmh": used_from(trial),
@@ -121,16 +119,11 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
 
 
 def _from_speeds(judgement: Judgement | None, ran: DesignReport | Trial | Rival | None) -> dict[str, Any]:
-    """Verdict on a controller, and the speeds, km/h, above which it is stable, robust, and usable.
-
-    A controller is usable at speeds at which it qualifies and controls slip. `ran` has the results of its stops.
-    """
     named = {"stable_from_kmh": "usable_from_kmh"}
     return {**exported(judgement, "verdict", "robust_from_kmh", **named), "usable_from_kmh": used_from(ran)}
 
 
 def _stop_json(stop: Stop) -> dict[str, Any]:
-    """Results of a stop: all numbers of the longest run, and distance and highest slip of the run with each seed."""
     of_stop = {"adhesion": "law", "held_slip": "settled_slip", "errors": "errors"}
     of_reference = {"reference_slip": "reference", "reference_reached": "reached"}
     of_run = {"braking_time_s": "braking_time", "braking_distance_m": "braking_distance"}

@@ -44,8 +44,7 @@ from .document import (
 from .page import typeset
 from .text import envelope_text, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
 
-RECOMMENDED = "recommended.toml"
-"""Name of the file with the recommended controller."""
+RECOMMENDED = "recommended.toml"  #: file with the recommended controller
 
 _AXES = {
     "speed_kmh": "speed, km/h",
@@ -55,7 +54,7 @@ _AXES = {
     "lag_s": "lag, s",
 }
 MS_TO_WARN = 10.0
-"""Worst Ms with tolerances above which the first page warns, a ratio; a 10 % gain error may then cause instability."""
+"""Worst Ms with tolerances above which the first page warns; a gain error of 10 % may then cause instability."""
 
 _RANKED = {
     "distance": f"shortest mean stop (within {100 * TIE:g} %: smallest worst Ms, then least air)",
@@ -66,11 +65,8 @@ _MOST_WORDS = 60  # largest number of words of headline, reasons, risks and acti
 _MOST_NOTES = 8  # largest number of notes on skipped points and on reference slips near the peak
 
 
-# --- first page -----------------------------------------------------------------------------------------------------
-
-
 def first_page(report: DesignReport) -> FirstPage:
-    """First page of the report, short enough for a minute: recommendation, reasons and at most ten numbers."""
+    """First page of the report, short enough for a minute: recommendation, reasons and main numbers."""
     headline, subject = _headline(report), _design_text(report)
     after = tuple(_not_judged(report))
     phrase = " ".join([headline, subject, *(text for _, text in after)])
@@ -96,7 +92,6 @@ def first_page(report: DesignReport) -> FirstPage:
 
 
 def _headline(report: DesignReport) -> str:
-    """Headline of the first page: use the controller, use it above a speed, or use none."""
     if report.above_kmh is None:
         return "NO CONTROLLER QUALIFIES; the least bad:"
     at = " at the operating points" if report.nominal else ""
@@ -118,7 +113,6 @@ def used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
 
 
 def _design_text(report: DesignReport) -> str:
-    """Text that names the recommended controller and its most important numbers."""
     if report.control is None:
         return "any PI or PI-lead"
     held = report.control.reference if report.control.follows_reference else None
@@ -130,7 +124,6 @@ def _design_text(report: DesignReport) -> str:
 
 
 def _why(report: DesignReport) -> Iterator[str]:
-    """Sentences that give the reasons for the recommendation, the most important first."""
     if not report.trials:
         return
     best, judged = report.trials[0], report.in_use
@@ -151,7 +144,6 @@ def _why(report: DesignReport) -> Iterator[str]:
 
 
 def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """Lines (heading, text): why this candidate is chosen, the second best candidate, and the stops."""
     if not report.trials:
         return
     best, good = report.trials[0], report.qualified
@@ -188,7 +180,6 @@ def _not_run(report: DesignReport) -> int:
 
 
 def _short(trial: Trial) -> str:
-    """Text with the numbers that decide the choice: mean stop, worst Ms, air consumption and lowest speed of use."""
     ms = "no margins" if trial.judgement is None else f"worst Ms {ms_text(trial.worst_ms)}"
     start = used_from(trial)
     from_speed = f", usable from {short(start)} km/h" if start else ""
@@ -196,7 +187,6 @@ def _short(trial: Trial) -> str:
 
 
 def _metres(trial: Trial) -> str:
-    """Text with the mean braking distance of all stops, or only of the nominal ones if a run does not stop."""
     if math.isfinite(trial.distance()):
         return f"{short(trial.distance())} m"
     given = trial.distance_as_given()
@@ -209,7 +199,6 @@ def _share(trial: Trial) -> str:
 
 
 def _which(report: DesignReport, sizes: str | None = None) -> str:
-    """Describe the stops with which candidates are compared; a text `sizes` replaces the list of error sizes."""
     given, harder = report.stops, report.harder_stops
     laws = listed(dict.fromkeys(stop.law for stop in given))
     phrase = f"{len(given)} nominal, {len(given[0].runs)} noise seeds each"
@@ -225,7 +214,7 @@ def _which(report: DesignReport, sizes: str | None = None) -> str:
 
 
 def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
-    """Shorten texts, each a sequence of sentences, to `most` words in total; the first sentence of each text stays."""
+    """Keep the first sentence of each text, and further sentences up to `most` words in total."""
     sentences = [list(text) for text in texts]
     result = [text[:1] for text in sentences]
     most -= sum(len(item.split()) for text in result for item in text)
@@ -238,7 +227,6 @@ def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
 
 
 def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """Lines (speeds, text): speeds that were not judged, and speeds at which the design must not be used."""
     top, begins = max(report.envelope.speeds), report.envelope.initial_speed
     if report.stops and begins > top:
         yield f"{top:g} to {begins:g} km/h", "not judged, although the stops begin here."
@@ -250,7 +238,6 @@ def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
 
 
 def _between(report: DesignReport, over: float, used: float) -> str:
-    """Verdict on the design at speeds from `over` to `used`, km/h, at which it controls slip but must not be used."""
     assert report.judgement is not None, "only a design with margins reports these speeds"
     speeds, ms = report.judgement.points.speed_kmh, report.judgement.run_ms
     below_use = speeds < used * (1 - 1e-9)  # rounding of the conversion from m/s
@@ -265,7 +252,6 @@ def _between(report: DesignReport, over: float, used: float) -> str:
 
 
 def _risks(report: DesignReport) -> Iterator[str]:
-    """Sentences that name the remaining risks."""
     least = 0.0 if report.control is None else report.control.controlled_from
     every = (*report.stops, *report.harder_stops)
     worst = report.trials[0].worst_ms if report.trials else math.inf
@@ -284,11 +270,10 @@ def _risks(report: DesignReport) -> Iterator[str]:
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
-    """Sentences that recommend actions, the most important first."""
     seeks = report.control is not None and report.control.finds_slip
     slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not stop.own_slip))
     over_kmh = 0.0 if report.control is None else report.control.controlled_from / KMH
-    if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # rounding, as above
+    if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # rounding of m/s to km/h
         yield f"Use another protection below {report.above_kmh:g} km/h."
     if slow and report.usable:
         yield f"Expect long stops: slip stays below its reference ({', '.join(slow)})."
@@ -301,7 +286,6 @@ def _steps(report: DesignReport) -> Iterator[str]:
 
 
 def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """Lines (heading, text) on each of the user's controllers: verdict or reason why there is none, longest stops."""
     for item in report.rivals:
         phrase = "; ".join(f"{stop.rail} {_distance(stop)} ({_stop_text(stop)})" for stop in longest(item.stops))
         locks = "the wheel locks" if any(stop.locks for stop in item.stops) else "no lock"
@@ -318,7 +302,6 @@ def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
-    """Rows of the first page's table: quantity, worst value where the design is used, and the case of this value."""
     judged = report.in_use
     if judged is None:
         point, limits = max(report.limits, key=lambda item: item[1].ms_bound)
@@ -345,7 +328,6 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
 
 
 def _over_attainable(trial: Trial) -> str:
-    """Text that says by how many percent the nominal stops, added up, are longer than the known attainable stops."""
     known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
     if not known or any(not run.stopped for stop in known for run in stop.runs):
         return ""
@@ -355,7 +337,6 @@ def _over_attainable(trial: Trial) -> str:
 
 
 def _kind(choice: StructureChoice) -> str:
-    """Name of a candidate's structure; for a PI-lead also the time constants of its lead and filter, s."""
     if choice.structure != "pi-lead":
         return "PI" if choice.structure == "pi" else choice.structure
     lead = None if choice.design is None else getattr(choice.design.controller, "lead", None)
@@ -367,7 +348,6 @@ def _distance(stop: Stop) -> str:
 
 
 def _over(stop: Stop) -> str:
-    """Text that says by how many percent a stop is longer than the attainable stop; than the bound if it is unknown."""
     if stop.bound is None or math.isnan(stop.over_bound):
         return ""
     if stop.attainable is None or math.isinf(stop.attainable.braking_distance):
@@ -377,24 +357,20 @@ def _over(stop: Stop) -> str:
 
 
 def _slip(stop: Stop) -> str:
-    """Text with the slip that was held in a stop, followed by the reference slip if the controller tracks one."""
     return short(stop.settled_slip, 2) + ("" if stop.own_slip else f" (reference {short(stop.reference)})")
 
 
 def _stop_text(stop: Stop) -> str:
-    """Text on a stop: law, load, comparison with the attainable stop, slip held, and highest slip."""
     return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_slip(stop)}, highest {above(stop.max_slip)}"
 
 
 def _sampled_ms(report: DesignReport) -> str:
-    """Text with the Ms of the sampled loops at the worst points, whose continuous loops the picture shows."""
     assert report.in_use is not None, "only a judged design has these loops"
     worst = [report.in_use.worst] + ([] if report.in_use.nominal else [report.in_use.worst_with_tolerances])
     return " and ".join("the same" if math.isnan(item.run_ms) else ms_text(item.run_ms) for item in worst)
 
 
 def _line_drawn(report: DesignReport) -> bool:
-    """True if the map of Ms shows a line for the hand-over speed, because this speed is within the map."""
     assert report.judgement is not None, "only a judged design has a map"
     speeds, over = report.judgement.map.speeds_kmh, report.judgement.hand_over_kmh
     return bool(report.hands_over and speeds.min() < over <= speeds.max())
@@ -432,14 +408,8 @@ def _stops_picture(report: DesignReport) -> Picture:
     return Picture("stops", caption, f"Speed, slip and torque over time. {phrase}")
 
 
-# --- sections -------------------------------------------------------------------------------------------------------
-
-
 def design_sections(report: DesignReport, again: str = "") -> list[Section]:
-    """Sections of the report after the first page, without empty ones.
-
-    - again: sentence that gives the command with which a user can repeat a stop.
-    """
+    """Sections of the report after the first page; `again` is the sentence on how to repeat a stop."""
     made = (
         _envelope(report),
         _candidates(report),
@@ -538,19 +508,16 @@ def _candidates(report: DesignReport) -> Section:
 
 
 def _same(choice: StructureChoice, other: StructureChoice) -> bool:
-    """True if two candidates have the same structure, share of the reference slip, and lead filter."""
     names = ("structure", "reference_factor", "lead_filter")
     return all(getattr(choice, name) == getattr(other, name) for name in names)
 
 
 def _named(choice: StructureChoice) -> str:
-    """Name of a candidate, followed by the share of the envelope's reference slip that it tracks."""
     holds = choice.structure in ("pi", "pi-lead") or choice.reference_factor != 1.0
     return _kind(choice) + (f", {100 * choice.reference_factor:g} % of the reference slip" if holds else "")
 
 
 def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
-    """Table cells of a candidate: name, speeds above which it is stable and robust, worst Ms."""
     if choice.design is None:
         return _named(choice), *(NONE,) * 3
     judged = choice.design.judgement
@@ -559,7 +526,6 @@ def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
 
 
 def _ran_cells(trial: Trial, nominal: bool) -> tuple[str, ...]:
-    """Table cells of a candidate that ran; the mean of all stops is empty if it did not run the harder stops."""
     ms = NONE if trial.judgement is None else ms_text(trial.worst_ms)
     means = (trial.distance(), trial.distance_as_given())
     whole, given = ("no stop" if math.isinf(item) else short(item) for item in means)
@@ -616,7 +582,6 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
 
 
 def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
-    """Facts on the recommended controller in stops: torque limits, initial torque, anti-windup and hand-over."""
     control = report.control
     if control is None:
         return
@@ -633,7 +598,6 @@ def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
 
 
 def _elsewhere(report: DesignReport) -> str:
-    """Sentences on stops in which the wheel holds a slip outside the envelope; they give the worst Ms at this slip."""
     phrase = ""
     for item in report.unjudged_slips:
         slips = listed(dict.fromkeys(short(slip, 2) for slip in item.slips))
@@ -668,7 +632,6 @@ def _harder_table(stops: Iterable[Stop]) -> Table:
 
 
 def _rolling(report: DesignReport) -> Iterator[Paragraph]:
-    """Paragraphs that explain why the wheel oscillates in stops with an adhesion law that has a state."""
     for law in dict.fromkeys(item.law for item in report.rolling):
         loops = [item for item in report.rolling if item.law == law]
         where = ", ".join(f"{item.rail} {item.load}: {item.frequency / (2 * math.pi):.2g} Hz" for item in loops)
@@ -780,9 +743,6 @@ def _sliding(report: DesignReport) -> Section:
 
 def _speed(speed: float | None) -> str:
     return "never" if speed is None else f"{speed:g}"
-
-
-# --- text -------------------------------------------------------------------------------------------------------
 
 
 def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str:

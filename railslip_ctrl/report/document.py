@@ -1,7 +1,4 @@
-"""Parts of reports (facts, tables, paragraphs, pictures, sections), and formatting of numbers.
-
-Reports in text and in HTML consist of the same parts: `render` formats them with rich, `page` with an HTML template.
-"""
+"""Blocks of reports (facts, tables, paragraphs, pictures, sections) for text and HTML, and formatting of numbers."""
 
 from __future__ import annotations
 
@@ -41,9 +38,6 @@ _NUMBER = re.compile(r"[−+±≤<>\d.,·e∞– ×%]*|unstable|unbounded|none s
 _width: ContextVar[int] = ContextVar("width", default=WIDTH)
 
 
-# --- blocks ---------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Paragraph:
     """One paragraph of a report."""
@@ -75,12 +69,11 @@ class Facts:
 class Table:
     """Table with a line below its head.
 
-    - left: number of leading columns that are aligned left in text. If the table is too wide for the report, it is
-      divided, and each part begins with these columns.
+    - left: number of leading columns that are aligned left in text, and repeated if a wide table is divided.
     - whole: number of leading columns whose cells are never wrapped in text.
-    - text_columns: indices of further columns that are aligned left in text; all others are aligned right.
+    - text_columns: indices of further columns that are aligned left in text.
     - caption: shown above the table in HTML, not in text.
-    - wide: if true, HTML uses smaller letters. HTML aligns a column right if it has only numbers.
+    - wide: if true, HTML uses smaller letters.
     """
 
     head: Sequence[str]
@@ -95,13 +88,11 @@ class Table:
 
     @property
     def numeric(self) -> tuple[bool, ...]:
-        """For each column, true if all its cells are numbers."""
         columns = zip(*self.rows, strict=True)
         return tuple(all(_NUMBER.fullmatch(cell) for cell in column) for column in columns)
 
     @property
     def short(self) -> bool:
-        """True if the table is so short that print does not divide it between two pages."""
         return len(self.rows) <= _SHORT
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
@@ -128,7 +119,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """Picture with a caption; `name` is the key of its drawing, and `alt` describes it in words for a screen reader."""
+    """Picture with a caption; `name` is the key of its drawing, and `alt` describes it for a screen reader."""
 
     name: str
     caption: str
@@ -138,7 +129,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Details:
-    """Part that HTML hides until the reader opens it: title, verdict in a few words, and the hidden blocks."""
+    """Block that HTML hides until the reader opens it: title, verdict in a few words, and the hidden blocks."""
 
     title: str
     verdict: str
@@ -168,10 +159,10 @@ class FirstPage:
     """First page of a report, which can be read in a minute.
 
     - headline: result in a few words.
-    - subject: the object to which the headline refers, such as the recommended controller.
-    - file: name of the file that contains this object, such as a controller file; empty if there is none.
+    - subject: the object of the headline, such as the recommended controller.
+    - file: name of the file that contains the subject; empty if there is none.
     - lines: pairs of a heading and its text.
-    - head, rows: head and rows of the table of main numbers.
+    - head, rows: table of main numbers.
     """
 
     title: str
@@ -182,9 +173,6 @@ class FirstPage:
     head: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
     pictures: tuple[Picture, ...] = ()
-
-
-# --- text -----------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -198,12 +186,12 @@ def columns(number: int) -> Iterator[None]:
 
 
 def width() -> int:
-    """Return the width of reports at present, in characters per line."""
+    """Return the width of reports in characters per line."""
     return _width.get()
 
 
 def render(parts: Iterable[RenderableType]) -> str:
-    """Return facts, tables, strings and other parts as text."""
+    """Return facts, tables, strings and other blocks as text."""
     stream = io.StringIO()
     console = Console(file=stream, width=_width.get(), color_system=None, highlight=False, markup=False, emoji=False)
     for part in parts:
@@ -214,9 +202,6 @@ def render(parts: Iterable[RenderableType]) -> str:
 def heading(text: str, mark: str = "=") -> Text:
     """Return an underlined heading."""
     return Text(f"{text}\n{mark * min(len(text), _width.get())}")
-
-
-# --- numbers --------------------------------------------------------------------------------------------------------
 
 
 def counted(number: int, what: str) -> str:
@@ -240,10 +225,7 @@ def fixed(value: float, digits: int = 5) -> str:
 
 
 def short(value: float, digits: int = 4) -> str:
-    """Format a number with `digits` significant digits and a true minus sign.
-
-    A very large or very small number is written with a power of ten. inf is "∞", NaN is a dash.
-    """
+    """Format a number with `digits` significant digits and a true minus sign; inf is "∞", NaN is a dash."""
     if not math.isfinite(value):
         return "∞" if value > 0 else NONE
     nearest = rounded(value, digits)

@@ -1,4 +1,4 @@
-"""Results as JSON, the source of an adhesion law, writing of files (all or none), and software versions."""
+"""Results as JSON, sources of adhesion laws, writing of files (all or none), and software versions."""
 
 from __future__ import annotations
 
@@ -43,9 +43,6 @@ _CERTIFIED = {
 _MARGINS = {**_CERTIFIED, "disk_margin": "disk"}
 
 
-# --- JSON -----------------------------------------------------------------------------------------------------------
-
-
 def number(value: float) -> float | None:
     """Return a finite float, or None for any other number."""
     return float(value) if math.isfinite(value) else None
@@ -82,8 +79,8 @@ def json_text(content: Mapping[str, Any], *, ensure_ascii: bool = True) -> str:
 def exported(record: Any, *same: str, **named: str) -> dict[str, Any]:
     """Return some attributes of a record as JSON; if the record is None, all values are null.
 
-    - same: names of attributes; the name is also the JSON key.
-    - named: further attributes by path, with another JSON key, such as mass_kg="vehicle.mass".
+    - same: names of attributes that are also the JSON keys.
+    - named: paths of further attributes by JSON key, such as mass_kg="vehicle.mass".
     """
     paths = {name: name for name in same} | named
     return {name: None if record is None else plain(attrgetter(path)(record)) for name, path in paths.items()}
@@ -96,7 +93,6 @@ def case_json(point: OperatingPoint) -> dict[str, Any]:
 
 
 def _context_json(point: OperatingPoint) -> dict[str, Any]:
-    """Return the circumstances of an operating point as JSON: adhesion law, v0, vehicle, wheel load, assumptions."""
     return {
         "adhesion_law": law_json(point.law, source_at(point)),
         **exported(point, "initial_speed_kmh", vehicle="vehicle.name", wheel_load_n="vehicle.wheel_load"),
@@ -136,7 +132,7 @@ def margin_frequencies(margins: Margins | None) -> dict[str, Any] | None:
 
 
 def margins_json(assessment: Assessment, certificate: Certificate | None = None) -> dict[str, Any]:
-    """Return the margins of a loop as JSON, null if it is unstable, and its certificate if there is one."""
+    """Return the margins of a loop (null if unstable), and the certificate if there is one, as JSON."""
     unstable = assessment.unstable_poles
     content = {
         **case_json(assessment.point),
@@ -189,10 +185,6 @@ def _crossovers(assessment: Assessment) -> Any:
 
 
 def _certificate_json(certificate: Certificate) -> dict[str, Any]:
-    """Return a certificate as JSON: each margin is [lowest, highest] with null for an unbounded end.
-
-    If the loop is unstable, null replaces the pair.
-    """
     pairs = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
     ends = {name: None if pair is None else [number(end) for end in pair] for name, pair in pairs.items()}
     if ends["gain_decrease"] is not None:
@@ -205,7 +197,6 @@ def _certificate_json(certificate: Certificate) -> dict[str, Any]:
 
 
 def _limits_json(assessment: Assessment) -> dict[str, Any]:
-    """Return the limits for any controller, for a PI and for a PI-lead as JSON; a limit that is not known is null."""
     limits = assessment.limits
     names = {"unstable_pole_rad_s": "unstable_pole", "pole_times_dead_time_and_lag": "actuator_product"}
     content = exported(limits, **names, mt_lower_bound="mt_bound", ms_lower_bound="ms_bound")
@@ -215,21 +206,15 @@ def _limits_json(assessment: Assessment) -> dict[str, Any]:
     return content
 
 
-# --- source of an adhesion law: published, or the user's own --------------------------------------------------------
-
-
 def law_text(law: AdhesionLaw, source: str) -> str:
-    """Return the name of an adhesion law; unless the law is a published one, its source follows.
-
-    An example is "beam as given (model.toml)".
-    """
+    """Return an adhesion law as text: its name, and its source unless the law is published."""
     if source == PUBLISHED:
         return law.name
     return f"{law.name} as given" + ("" if source == GIVEN else f" ({source})")
 
 
 def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
-    """Return the source of an adhesion law: its file; or "published" if the law equals `published()`; or "given"."""
+    """Return the file of an adhesion law, or "published" if the law equals `published()`, otherwise "given"."""
     if law.file is not None:
         return law.file
     try:
@@ -240,20 +225,14 @@ def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
 
 
 def source_at(point: OperatingPoint) -> str:
-    """Return the source of the adhesion law of an operating point.
-
-    The law is compared with the published law of this name for the rail, v0 and wheel load of the point.
-    """
+    """Return the source of the adhesion law of an operating point, see `source_of`."""
     v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
     return source_of(point.law, lambda: published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load))
 
 
 def law_text_at(point: OperatingPoint) -> str:
-    """Return the name of the adhesion law of an operating point, with its source as in `law_text`."""
+    """Return name and source of the adhesion law of an operating point."""
     return law_text(point.law, source_at(point))
-
-
-# --- files: all are written, or none ---------------------------------------------------------------------------------
 
 
 def check_directory(directory: Path, names: Iterable[str]) -> None:
@@ -274,11 +253,7 @@ def check_directory(directory: Path, names: Iterable[str]) -> None:
 
 
 def _is_writable(directory: Path) -> bool:
-    """True if a folder can be created in a directory.
-
-    The function creates one, because access rights alone do not show this, for example in /proc.
-    """
-    try:
+    try:  # access rights alone are not reliable, for example in /proc
         with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=directory):
             return True
     except OSError:
@@ -286,10 +261,7 @@ def _is_writable(directory: Path) -> bool:
 
 
 def check_file(path: Path, option: str) -> None:
-    """Raise InputError if a file could not be written at `path`; the folder of the file must exist.
-
-    - option: command-line option that the error message names.
-    """
+    """Raise InputError, with the name of the `option`, if a file could not be written at `path`."""
     if path.is_dir() or not path.name:
         raise InputError(f"{option}: {str(path)!r} is a folder; give a file name")
     if path.exists() and not path.is_file():  # writing would replace a device or pipe
@@ -303,11 +275,7 @@ FileContent = str | bytes | Callable[[Path], object]
 
 
 def write_files(directory: Path, files: Mapping[str, FileContent], *, option: str = "--out") -> list[Path]:
-    """Write all `files` into `directory`, or none of them if one fails; return their paths.
-
-    - directory: created if it does not exist.
-    - files: content of each file by file name.
-    - option: command-line option that the message of an InputError names.
+    """Write all `files`, contents by file name, into `directory`, or none of them; return their paths.
 
     InputError: the directory cannot be created or written to; existing files are then unchanged.
     """
@@ -326,10 +294,7 @@ def write_files(directory: Path, files: Mapping[str, FileContent], *, option: st
     return [directory / name for name in files]
 
 
-# --- versions for reports -------------------------------------------------------------------------------------------
-
-
 def software() -> dict[str, str]:
-    """Return the version of this package, of Python, and of each library that it uses, by name."""
+    """Return the version of this package, of Python, and of each library in use, by name."""
     own = {"railslip_ctrl": __version__, "Python": platform.python_version()}
     return own | {shown: version(name) for name, shown in _PACKAGES.items()}

@@ -1,4 +1,4 @@
-"""Results of `railslip identify`: report as text and JSON, TOML file of the adhesion law, CSV of observed adhesion."""
+"""Results of `railslip identify`: report as text and JSON, adhesion law as TOML, and observed adhesion as CSV."""
 
 from __future__ import annotations
 
@@ -36,8 +36,6 @@ from railslip_ctrl.model.vehicle import Rail
 from .document import Facts, Table, counted, fixed, heading, render
 from .export import exported, number, plain
 
-# --- text ----------------------------------------------------------------------------------------------------------
-
 
 def identification_text(result: Identification) -> str:
     """Return the report on one log as text."""
@@ -45,7 +43,7 @@ def identification_text(result: Identification) -> str:
 
 
 def series_text(result: LogSeries) -> str:
-    """Return the report on several logs as text: each log, then the parameters as polynomials in initial speed."""
+    """Return the report on several logs as text: each log, and the parameters as polynomials in initial speed."""
     parts = [part for each in result.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
     parts += [Text(f"Warning: {text}") for text in result.warnings]
@@ -61,10 +59,6 @@ def series_text(result: LogSeries) -> str:
 
 
 def _error_table(result: LogSeries) -> RenderableType:
-    """Return a table of the mean |error of mu|, with a row for each model and a column for each log.
-
-    [Park2008] Table 3 has the same form.
-    """
     errors = [{score.fit.model.name: score.mean_abs_error for score in each.scores} for each in result.logs]
     names = [name for name in errors[0] if all(name in each for each in errors)]
     speeds = (f"{each.setting.initial_speed / KMH:.4g}" for each in result.logs)
@@ -76,7 +70,6 @@ def _pair(value: float, stderr: float) -> str:
 
 
 def _range(value: float, interval: tuple[float, float], digits: int) -> str:
-    """Return a value with its interval as text; infinite ends of the interval are left out."""
     text, low, high = (fixed(x, digits) for x in (value, *interval))
     if not math.isfinite(interval[0]):
         return text
@@ -108,7 +101,6 @@ def _log_parts(result: Identification) -> list[RenderableType]:
 
 
 def _load_of(result: Identification) -> str:
-    """Return a remark if the wheel load in the log differs from that of the vehicle; otherwise an empty text."""
     own = result.vehicle.wheel_load
     same = math.isclose(result.setting.wheel_load, own, rel_tol=1e-6)
     return "" if same else f" (in the log; the vehicle has {own:g} N)"
@@ -202,7 +194,6 @@ def _verdict(result: Identification) -> str:
 
 
 def _peak_warning(result: Identification) -> str:
-    """Return a warning if the reference slip may be beyond the adhesion peak."""
     peak = result.own_peak
     low = peak.lowest_slip
     if peak.reference <= low * (1.0 + 1e-9):
@@ -215,16 +206,11 @@ def _peak_warning(result: Identification) -> str:
     )
 
 
-# --- file of the adhesion law --------------------------------------------------------------------------------------
-
-
 @checked
 def model_toml(found: Identification) -> str:
     """Return the adhesion law that was chosen for a log as TOML text; option `--adhesion FILE` reads it.
 
-    - found: result of `identify`.
-
-    Parameters are in SI, speeds in km/h.
+    `found` is the result of `identify`. Parameters are in SI, speeds in km/h.
     """
     fit, curve, load = found.chosen.fit, found.curve, found.setting.wheel_load
     lowest, highest = (round(speed / KMH, 1) for speed in found.speeds_shown)
@@ -243,7 +229,7 @@ def model_toml(found: Identification) -> str:
 
 
 def series_toml(result: LogSeries) -> str | None:
-    """Return the adhesion law of several logs as TOML text, with parameters that are polynomials in initial speed.
+    """Return the adhesion law of several logs as TOML text; its parameters are polynomials in initial speed.
 
     None for a law given as a table, because its slips differ between the logs.
     """
@@ -266,7 +252,6 @@ def series_toml(result: LogSeries) -> str | None:
 
 
 def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
-    """Return comment lines on a polynomial: standard errors of its coefficients, and of its values at the speeds."""
     if not all(math.isfinite(x) for x in p.stderrs):
         return (f"{p.name}: standard errors unknown, because the fit of a log has none",)
     values = (f"{p.stderr_at(speed):.3g} at {speed:.4g} km/h" for speed in sorted({*p.speeds_kmh.tolist()}))
@@ -276,10 +261,6 @@ def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
 
 
 def _references(result: LogSeries) -> dict[float, ReferenceSlip]:
-    """Return the reference slips by initial speed v0, km/h; empty if any log has no reference slip.
-
-    If several logs have the same v0, their lowest reference slip is used.
-    """
     slips: dict[float, ReferenceSlip] = {}
     for each in result.logs:
         if each.reference is None:
@@ -298,11 +279,10 @@ def law_toml(
     speeds_kmh: tuple[float, float] | None = None,
     comments: Iterable[str] = (),
 ) -> str:
-    """Return an adhesion law as TOML text; numbers have all digits, so that the file defines exactly the same law.
+    """Return an adhesion law as TOML text, with all digits of the numbers.
 
-    - wheel_load: wheel load in the log, N.
-    - reference: reference slips; None if there are none.
-    - speeds_kmh: lowest and highest initial speed of the log, km/h.
+    - reference: reference slip ratios; None if there are none.
+    - wheel_load, speeds_kmh: wheel load, N, and lowest and highest initial speed, km/h, of the log.
     - comments: comment lines at the beginning of the file.
     """
     lines = [*_head(law, wheel_load, speeds_kmh, comments), "", "[parameters]"]
@@ -317,7 +297,6 @@ def law_toml(
 
 
 def _rails_of(law: AdhesionLaw, references: Iterable[ReferenceSlip]) -> tuple[str, ...]:
-    """Return the rails for which a law's file gives a reference slip: only "wet" if the log is from wet rail."""
     wet_alone = law.rail is Rail.WET and all(each.dry == each.wet for each in references)
     return (Rail.WET.value,) if wet_alone else tuple(ReferenceSlip.model_fields)
 
@@ -345,9 +324,8 @@ def polynomials_toml(
 
     - law: adhesion law; only its name and its rail condition are used.
     - coefficients: by parameter name, coefficients of 1, v0, v0^2; the parameter is then in SI.
-    - speeds_kmh: lowest and highest v0, km/h.
-    - references: reference slips by v0, km/h; may be empty.
-    - wheel_load, comments: as in `law_toml`.
+    - references: reference slip ratios by v0, km/h; may be empty.
+    - speeds_kmh, wheel_load, comments: as in `law_toml`.
     """
     lines = _head(law, wheel_load, speeds_kmh, comments)
     lines += ["", "[polynomials]  # in the initial speed v0, km/h: constant, factor of v0, factor of v0^2"]
@@ -368,11 +346,8 @@ def _number(value: Any) -> str:
     return repr(float(value))
 
 
-# --- results of `railslip identify` as JSON --------------------------------------------------------------------------
-
-
 def identification_json(result: Identification) -> dict[str, Any]:
-    """Return the result of one log as JSON: chosen model, all models compared, adhesion curve, peaks, and the log."""
+    """Return the result of one log as JSON: chosen model, all models, adhesion curve, peaks, and the log."""
     fit, curve = result.chosen.fit, result.curve
     return {
         **_errors_json(result.chosen, result.regimes),
@@ -400,10 +375,7 @@ def identification_json(result: Identification) -> dict[str, Any]:
 
 
 def series_json(result: LogSeries) -> dict[str, Any]:
-    """Return the result of several logs as JSON: parameters as polynomials in the initial speed, and each log.
-
-    The key `value` of a parameter is its value at the mean initial speed of the logs.
-    """
+    """Return the result of several logs as JSON; the `value` of a parameter is for the mean initial speed."""
     first = result.logs[0].chosen.fit
     return {
         "model": first.model.name,
@@ -486,18 +458,11 @@ def _rolling_json(rolling: Rolling) -> dict[str, Any]:
     return {**exported(rolling, "slip", **names), "speed_kmh": rolling.speed / KMH}
 
 
-# --- observed adhesion of a log as CSV, with the regime of each row; written completely or not at all ----------------
-
-
 COLUMNS = (
     *("time [s]", "filtered train speed [km/h]", "filtered slip [1]", "filtered wheel load [N]"),
     *("adhesion torque [N*m]", "mu [1]", "regime"),
 )
-"""Header of the CSV file.
-
-The filter of the observer delays the observed torque. The other columns are filtered in the same way, so that all
-columns have the same delay.
-"""
+"""Header of the CSV file; all columns are filtered like the observed torque, so that they have the same delay."""
 
 _SLIP = COLUMNS.index("filtered slip [1]")
 _NUMBERS = len(COLUMNS) - 1
@@ -505,13 +470,9 @@ _BLOCK = 1 << 16  # number of rows in memory at a time
 
 
 class ObservedRows:
-    """Collects the observed adhesion of a log, and writes it as CSV with the regime of each row.
+    """Writes the observed adhesion of a log as CSV, with the regime (adhesion or sliding) of each row.
 
     The regimes are known only at the end of the log. Until then the rows are stored in a temporary file.
-
-    - path: CSV file to write.
-    - radius: wheel radius, m.
-    - rows: temporary file, open for binary writing and reading.
     """
 
     def __init__(self, path: Path, radius: float, rows: IO[bytes]) -> None:
@@ -524,7 +485,7 @@ class ObservedRows:
         self._rows.write(np.column_stack(columns).tobytes())
 
     def finish(self, regimes: Regimes) -> None:
-        """Write the CSV file, with the regime (adhesion or sliding) of each row."""
+        """Write the CSV file."""
         import pandas as pd
 
         self._rows.seek(0)
@@ -538,10 +499,7 @@ class ObservedRows:
 
 @contextmanager
 def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | None]:
-    """Yield an `ObservedRows` that stores samples, and writes them to `path` when its method `finish` is called.
-
-    - path: CSV file; if it is None, None is yielded.
-    - radius: wheel radius, m.
+    """Yield `ObservedRows` for the CSV file `path`, or None without a path; `radius` is the wheel radius, m.
 
     InputError: the file cannot be written.
     """

@@ -15,7 +15,7 @@ from railslip_ctrl.core.templates import environment
 from .document import FirstPage, Section
 from .export import software
 
-if TYPE_CHECKING:  # an extra
+if TYPE_CHECKING:  # needs the extra `html`
     from markupsafe import Markup
 
 _ADDRESS = re.compile(r"doi:(10\.\S+[^\s.])|https://\S+[^\s.]")
@@ -29,11 +29,9 @@ def page(
     date: datetime.date,
     seconds: float,
 ) -> str:
-    """Return a report as an HTML document that contains its style and pictures, and loads no other file.
+    """Return a report as an HTML document that loads no other file.
 
-    - first, sections: first page and further sections of the report.
-    - pictures: SVG files by the picture names that `first` and `sections` use.
-    - command, date, seconds: command that made the report, date of the report, and computing time, s.
+    `pictures` are SVG files by the names that `first` and `sections` use; `seconds` is the computing time.
     """
     filling = environment("railslip_ctrl.report", autoescape=True)
     filling.keep_trailing_newline = False
@@ -52,7 +50,6 @@ def page(
 
 
 def _linked(source: str) -> Markup:
-    """Return a bibliographic source as HTML, in which a DOI or an internet address is a link."""
     from markupsafe import Markup, escape
 
     def link(match: re.Match[str]) -> str:
@@ -63,11 +60,8 @@ def _linked(source: str) -> Markup:
 
 
 def css_string(text: str) -> str:
-    """Escape text for a string in a style sheet: all characters except ASCII letters, digits and spaces."""
+    """Escape text for a string in a style sheet."""
     return "".join(c if c.isascii() and (c.isalnum() or c == " ") else f"\\{ord(c):06x} " for c in text)
-
-
-# --- typesetting of text written for a terminal: signs, Greek letters, powers, units, code --------------------------
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
@@ -102,10 +96,10 @@ _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:deg|kg|km|kN|MJ|N|m|s|1/s|rad)\b|%)")
 
 
 def typeset(text: str) -> Markup:
-    """Return text as HTML: text in backticks becomes code, other text gets typographic signs, such as Greek letters."""
+    """Return text as HTML: text in backticks becomes code, other text gets signs such as Greek letters."""
     from markupsafe import Markup, escape
 
-    pieces = _CODE.split(text)  # odd pieces are code
+    pieces = _CODE.split(text)  # pieces with an odd index are code
     for i in range(0, len(pieces), 2):
         for pattern, replacement in _RULES:
             pieces[i] = re.sub(pattern, replacement, pieces[i])
@@ -115,7 +109,7 @@ def typeset(text: str) -> Markup:
 
 
 def with_units(text: str) -> str:
-    """Return text or HTML in which a no-break space separates a number from its unit."""
+    """Return text or HTML with a no-break space between each number and its unit."""
     from markupsafe import Markup
 
     joined = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
@@ -123,7 +117,7 @@ def with_units(text: str) -> str:
 
 
 def formula(latex: str) -> Markup:
-    """Return a LaTeX formula as inline MathML, with fractions as large as in a separate formula."""
+    """Return a LaTeX formula as inline MathML."""
     from latex2mathml.converter import convert
     from markupsafe import Markup
 

@@ -1,4 +1,4 @@
-"""Drawing and writing of the pictures of a result; if drawing fails, the other files are still written."""
+"""Drawing and writing of pictures; if drawing fails, the other files are still written."""
 
 from __future__ import annotations
 
@@ -28,10 +28,7 @@ class Pictures:
         self.failure = ""
 
     def draw(self, figures: Callable[[], Drawings], forms: Sequence[str] = ("png", "svg")) -> None:
-        """Draw the pictures of `figures()` that are not drawn yet, each in all `forms`.
-
-        Matplotlib's default settings are used. A failure is stored in `failure`.
-        """
+        """Draw the pictures of `figures()` that are not drawn yet; an error is stored in `failure`."""
         self.failure = ""
         try:
             from railslip_ctrl.report.plots.style import figure_files, standard_settings
@@ -44,7 +41,6 @@ class Pictures:
             self.failure = f"{type(error).__name__}: {error}"
 
     def files(self) -> dict[str, bytes]:
-        """Return the content of each picture file by file name."""
         return {f"{name}.{form}": content for name, forms in self.drawn.items() for form, content in forms.items()}
 
     def write(self, directory: Path, written: Sequence[Path], files: Mapping[str, FileContent]) -> int:

@@ -29,8 +29,8 @@ _HOLDS = "Valid for this model with these independent distributions; it does not
 def text_of(result: Result) -> str:
     """Return the result as text.
 
-    For a rare event these are its probability, the contribution of each input, and the most likely stop with the event.
-    For confidence levels this is the table of Kdry_rst: deceleration of a given probability over nominal deceleration.
+    The text on a rare event has its probability, the contribution of each input, and the most likely stop with the
+    event. The text on confidence levels has Kdry_rst, the deceleration of a given probability over the nominal one.
     """
     facts, table, last = _levels(result) if isinstance(result, ConfidenceLevels) else _event(result)
     title = heading(f"{result}: {result.campaign.scenario.name}, {result.campaign.controllers[0].label}")
@@ -78,10 +78,7 @@ def json_of(result: Result) -> dict[str, Any]:
 
 
 def files_of(result: Result, scenario: str) -> dict[str, FileContent]:
-    """Return the content of each file of the result by file name.
-
-    - scenario: name or path of the campaign's scenario; `stop.toml` refers to it.
-    """
+    """Return the content of each file by file name; `stop.toml` refers to the scenario `scenario`."""
     name = "rare" if isinstance(result, RareEvent) else "confidence"
     files: dict[str, FileContent] = {f"{name}.txt": text_of(result), f"{name}.json": json_text(json_of(result))}
     rows = zip(*(column.tolist() for column in result.tail[:4]), strict=True)
@@ -94,7 +91,7 @@ def files_of(result: Result, scenario: str) -> dict[str, FileContent]:
         numbers = (f"{json.dumps(path)} = {value!r}" for path, value in changes.items())
         files["stop.toml"] = "\n".join([f"extends = {json.dumps(scenario)}", "", "[changes]  # SI", *numbers]) + "\n"
         files["stop.npz"] = partial(np.savez, **result.stop.noise._asdict())
-        with suppress(InputError):  # a controller known only by its step has no file
+        with suppress(InputError):  # a controller with only a step function has no file
             files["controller.toml"] = result.stop.run.controller.toml
     return files
 

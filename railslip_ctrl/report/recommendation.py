@@ -1,9 +1,6 @@
 """Computation of a design report, and its records.
 
-`design_report` tunes PI and PI-lead over the envelope (`Selection`). It simulates the same stops with the most robust
-designs and with every controller that needs no tuning (`Trial`). `candidates.ordered` chooses the best candidate. For
-this candidate `design_report` computes margins, limits and a gain map. If no candidate qualifies, it searches for a
-faster brake with which one does. `DesignReport` contains the results.
+`design_report` tunes and judges controllers, simulates stops with them, and chooses the best one.
 """
 
 from __future__ import annotations
@@ -69,7 +66,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LawCurve:
-    """Adhesion coefficient (n,) over slip ratio (n,) with the law, rail and speed of `point`, and the adhesion peak."""
+    """Adhesion coefficient, shape (n,), over slip ratio, shape (n,), at the speed of `point`, and the adhesion peak."""
 
     point: OperatingPoint
     slip: Floats
@@ -79,7 +76,7 @@ class LawCurve:
 
 @dataclass(frozen=True)
 class ShownLoop:
-    """A loop that a picture shows, with its label and its frequency response."""
+    """A loop in a picture, with its label and its frequency response."""
 
     label: str
     loop: Any
@@ -88,12 +85,11 @@ class ShownLoop:
 
 @dataclass(frozen=True)
 class GainMap:
-    """Worst Ms over some operating points for other gains kp and ki than those of the design, with the same lead.
+    """Worst Ms for gains near those of the design, with the same lead, over a number of operating points (`points`).
 
-    - kp, ki: gains, SI, (m,) and (n,).
-    - ms: worst Ms, (m, n); inf if a loop is unstable.
+    - kp, ki: gains, SI, shapes (m,) and (n,).
+    - ms: worst Ms, shape (m, n); inf if a loop is unstable.
     - chosen: kp and ki of the design.
-    - points: number of operating points.
     """
 
     kp: Floats
@@ -118,10 +114,7 @@ class Responses:
 
 @dataclass(frozen=True)
 class Sliding:
-    """Verified conditions of the predictive sliding-mode law.
-
-    If they were not computed, `verification` is None, and `reason` says why.
-    """
+    """Verified conditions of the predictive sliding-mode law; if there are none, `reason` says why."""
 
     verification: Verification | None
     reason: str = ""
@@ -131,8 +124,7 @@ class Sliding:
 class Released:
     """A stop of the recommended design, and the samples at which it is proved that a brake release prevents a lock.
 
-    - certified: samples of the stop with the proof; None if the stop cannot be certified, and `reason` then says why.
-    - region: no-lock region; None if the stop is not drawn.
+    If the stop cannot be certified, `certified` is None and `reason` says why. `region` is None if it is not drawn.
     """
 
     stop: Stop
@@ -143,10 +135,7 @@ class Released:
 
 @dataclass(frozen=True)
 class UnjudgedSlips:
-    """Slip ratios that a design holds in stops with a law and rail, but at which it was not judged.
-
-    - ms: worst Ms at these slip ratios; inf if a loop is unstable.
-    """
+    """Slip ratios that a design holds in stops but at which it was not judged, and the worst Ms at these slips."""
 
     law: str
     rail: Rail
@@ -156,10 +145,7 @@ class UnjudgedSlips:
 
 @dataclass(frozen=True)
 class Rival:
-    """A user's controller, with the nominal stops of the report and its judgement.
-
-    A controller without margins has no judgement; `reason` then says why.
-    """
+    """A user's controller with its nominal stops and its judgement; without judgement, `reason` says why."""
 
     name: str
     judgement: Judgement | None
@@ -205,22 +191,20 @@ class DesignReport:
 
     @property
     def vehicle(self) -> Vehicle:
-        """Vehicle of the envelope, with its empty mass."""
         return self.envelope.vehicle
 
     @property
     def best(self) -> StructureChoice | None:
-        """Structure and design of the recommended candidate."""
         return self.trials[0].choice if self.trials else None
 
     @property
     def judgement(self) -> Judgement | None:
-        """Judgement of the best design over the whole envelope; None if the best candidate has no margins."""
+        """Judgement of the best candidate over the whole envelope; None if it has no margins."""
         return None if self.best is None or self.best.design is None else self.best.design.judgement
 
     @property
     def judged_envelope(self) -> Envelope:
-        """Envelope at whose speeds and slips the best design was judged; without margins, the given envelope."""
+        """Envelope with the slips at which the best candidate was judged."""
         return self.envelope if self.judgement is None else self.judgement.envelope
 
     @property
@@ -230,36 +214,30 @@ class DesignReport:
 
     @property
     def seeking(self) -> Trial | None:
-        """Trial of the seeking controller; None if the seeking controller has no gains for this vehicle."""
         return next((trial for trial in self.trials if trial.choice.structure == SEEKING), None)
 
     @property
     def peer(self) -> Trial | None:
-        """Trial of the slide protection; None if it did not run."""
         return next((trial for trial in self.trials if trial.choice.structure == SlideProtection.kind), None)
 
     @property
     def qualified(self) -> tuple[Trial, ...]:
-        """Candidates that qualify, the best first."""
         return tuple(trial for trial in self.trials if trial.above_kmh is not None)
 
     def trial_of(self, choice: StructureChoice) -> Trial | None:
-        """Trial of this candidate; None if the candidate was not simulated in stops."""
         return next((trial for trial in self.trials if trial.choice is choice), None)
 
     @property
     def usable(self) -> bool:
-        """True if a candidate qualifies."""
         return self.above_kmh is not None
 
     @property
     def longest_stops(self) -> tuple[Stop, ...]:
-        """Longest nominal stop on each rail over all laws and loads."""
         return longest(self.stops)
 
 
 def longest(stops: Sequence[Stop]) -> tuple[Stop, ...]:
-    """Return the longest of the `stops` on each rail."""
+    """Return the longest stop on each rail."""
     rails = dict.fromkeys(stop.rail for stop in stops)
     return tuple(max((s for s in stops if s.rail is rail), key=lambda s: s.distance) for rail in rails)
 
@@ -287,13 +265,9 @@ def laws_of(judgement: Judgement) -> Collection[OperatingPoint]:
     return result.values()
 
 
-# --- best design over an envelope, and further results for a design review ------------------------------------------
-
-
 Progress = Callable[[str], None]
 
-LOAD_STEP = 100.0
-"""Torque step at the wheel for the load response, N*m; the loop is linear, so that its size only scales the plot."""
+LOAD_STEP = 100.0  #: torque step at the wheel for the load response, N*m
 
 _CACHED = "conditions-predictive"  # name of the cache of the verified conditions
 _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, slip ratio, and number of points
@@ -317,16 +291,13 @@ def design_report(
 ) -> DesignReport:
     """Compute recommendation, margins, stops and limits for the design review of a vehicle.
 
-    - envelope: envelope of the design, which contains the vehicle.
     - nominal: judge only the operating points, without tolerances.
     - given: user's controllers by name; they run in the same stops and are judged if they have margins.
     - sliding: also verify the conditions of the predictive sliding-mode law, and find where a brake release prevents a
       lock.
     - fresh: verify these conditions again instead of reading the earlier result from the cache.
-    - prefer: {"distance", "robustness"}; order of the candidates that qualify, see `ordered`.
-    - progress: called with one line of text for each step.
-    - meanwhile: called once with the unfinished report, while the user's controllers, the gain map and the attainable
-      stops are still missing; this function can draw the first pictures.
+    - prefer: order of the candidates that qualify, see `ordered`.
+    - meanwhile: called once with the unfinished report, to draw the first pictures during the computation.
 
     InputError: the envelope has no points, or an object in `given` is not a controller.
     """
@@ -338,7 +309,7 @@ def design_report(
         rivals[name] = _rival(name, controller, envelope, nominal)
 
     for name, controller in (given or {}).items():
-        if candidates.no_margins(controller):  # its step may fail: run it first, before the long computation
+        if candidates.no_margins(controller):  # the step may fail, so run it before the long computation
             run_rival(name, controller)
     with _beside() as submit:
         # a second process cannot import a user's law
@@ -369,7 +340,6 @@ def design_report(
 
 @contextmanager
 def _beside() -> Iterator[Beside]:
-    """Yield a function that starts functions in a second process; on a single core it runs them in this process."""
     if cpu_count() < 2:
         yield partial
         return
@@ -385,7 +355,6 @@ def _called(content: bytes) -> Any:
 
 
 def _verified(vehicle: Vehicle) -> Sliding:
-    """Verify the conditions of the predictive law for a vehicle, or return the reason why this is impossible."""
     from railslip_ctrl.verification.joint_verification import verify  # imports SymPy: slow
 
     def decide() -> Verification:
@@ -405,10 +374,6 @@ _REGION_SLIPS = np.linspace(0.0, 0.36, 13)  # slip ratios of a drawn region
 
 
 def _released(stops: Sequence[Stop]) -> tuple[Released, ...]:
-    """Find the samples of recorded stops at which a brake release prevents a lock.
-
-    The no-lock region is also computed for stops with the law and load of the first stop that can be certified.
-    """
     from railslip_ctrl.verification.no_lock import no_lock, released_run  # imports SymPy, which is slow
 
     result: list[Released] = []
@@ -438,10 +403,6 @@ def _designed(
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """Make the report, but without the user's controllers and the conditions of the sliding-mode law.
-
-    - beside: function that starts functions in a second process, and functions that return the trials started there.
-    """
     submit, others = beside
     progress("simulate the stops")
     designed = [item for item in selection.choices if item.design is not None][: candidates.MOST_LINEAR]
@@ -490,7 +451,6 @@ def _designed(
 
 
 def _with_bounds(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
-    """Add the bound and the attainable stop to each of `runs`; `known` yields these pairs in the same order."""
     return tuple(replace(run, bound=bound, attainable=had) for run, (bound, had) in zip(runs, known, strict=False))
 
 
@@ -514,9 +474,6 @@ def _rival_alone(name: str, controller: Any, envelope: Envelope, nominal: bool) 
     return Rival(name, judgement, stops(control, judgement, every_law=False))
 
 
-# --- loops ----------------------------------------------------------------------------------------------------------
-
-
 def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
     cases = [judgement.worst] + ([] if judgement.nominal else [judgement.worst_with_tolerances])
     bands = [case.loop.feature_band() for case in cases]
@@ -525,7 +482,6 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
 
 
 def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[UnjudgedSlips]:
-    """Yield, for each law and rail, the slips that a controller holds in stops but at which it was not judged."""
     for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
         points = [plant.point for plant in judged.points.plants]
         known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
@@ -543,7 +499,6 @@ def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[Unjudge
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
-    """Limits of any controller for each rail and load, at the operating point with the largest lower bound of Ms."""
     points = judgement.points
     operating = points.plant[points.operating].tolist()
     result: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
@@ -556,7 +511,6 @@ def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
 
 
 def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
-    """Worst Ms for gains near those of the design, over the operating points at the lowest and the highest speed."""
     points = judgement.points
     speeds = points.speed_kmh
     some = points.take(points.operating & ((speeds == speeds.min()) | (speeds == speeds.max())))
@@ -573,7 +527,6 @@ def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
 
 
 def _responses(worst: WorstCase, design: PIController) -> Responses | None:
-    """Responses at the worst operating point; None if the loop is unstable or the response cannot be computed."""
     if worst.margins is None:
         return None
     times = np.linspace(0.0, _RESPONSE_TIME, _RESPONSE_POINTS)
@@ -583,9 +536,6 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
     except RailslipError:
         return None
     return Responses(worst.point, LOAD_STEP, step, push)
-
-
-# --- adhesion -------------------------------------------------------------------------------------------------------
 
 
 def _curve(point: OperatingPoint) -> LawCurve:

@@ -1,7 +1,6 @@
 """Comparison of the numbers of [Park2008] with those of this package, as text, JSON and HTML page.
 
-The "reading" is the set of rules by which this package chooses units and details that the paper does not state. Only
-the page also has the margins with the gains of the paper, its figures and its errata.
+The "reading" is the set of assumptions on units and details that the paper does not state.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ _NAMES = ("braking time, s", "braking distance, m", "brake energy, N·m", "mean 
 QUANTITY_NAMES = dict(zip(QUANTITIES, _NAMES, strict=True))  #: names of the rows of Table 5, with units
 
 FIGURES = {"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15"} | {f"fig_{n}": f"Fig. {n}" for n in range(17, 22)}
-"""For each redrawn picture, by its name: the figure of the paper that it repeats."""
+"""For each redrawn picture, by name, the figure of the paper."""
 
 _ENERGY = QUANTITIES[2]
 _ROW = (
@@ -62,12 +61,7 @@ _DECIDED = {
 def reproduction_json(
     comparison: Table5, three: Table3, facts: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> dict[str, Any]:
-    """Return the comparison with the paper as JSON.
-
-    - comparison, three: Tables 5 and 3 of [Park2008], published and computed.
-    - facts: further facts of the published runs, each with its check.
-    - sensitivity: change of Table 5 if one rule of the reading is replaced by an alternative; may be None.
-    """
+    """Return the comparison with the paper as JSON: Tables 5 and 3, further facts, and effect of each assumption."""
     content = {
         "rows": [exported(row, *_ROW) for row in comparison.rows],
         "seeds": comparison.seeds,
@@ -88,10 +82,7 @@ def reproduction_json(
 
 
 def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
-    """Return the effect of each alternative to a rule of the reading as JSON.
-
-    The key `numbers` has the numbers of Table 5 for each column; a number is null if a run did not stop.
-    """
+    """Return the effect of each alternative assumption as JSON; a number is null if a run did not stop."""
     return {
         "seeds": sensitivity.seeds,
         "rms_deviation_percent": number(sensitivity.base_rms_deviation_percent),
@@ -108,13 +99,10 @@ def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
     }
 
 
-# --- text -------------------------------------------------------------------------------------------------------------
-
-
 def reproduction_text(
     comparison: Table5, three: Table3, facts: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> str:
-    """Return the comparison with the paper as text; the parameters are those of `reproduction_json`."""
+    """Return the comparison with the paper as text."""
     five = _table5(comparison)
     parts: list[RenderableType] = [
         heading("[Park2008] Table 5: the stop from 100 to 5 km/h"),
@@ -175,16 +163,13 @@ def _sensitivity_row(row: SensitivityRow, seeds: int) -> tuple[str, ...]:
     )
 
 
-# --- blocks of text and page ------------------------------------------------------------------------------------------
-
-
 def _fact(fact: Fact, style: Callable[[str], str]) -> Details:
     texts = (fact.statement, f"Result: {fact.found}. Method: {fact.how}.")
     return Details(fact.name, "holds" if fact.holds else "does not hold", tuple(Paragraph(style(x)) for x in texts))
 
 
 def reproduction_finding(comparison: Table5) -> str:
-    """Return sentences that say how many numbers of Table 5 are within tolerance, and which numbers need more seeds."""
+    """Return sentences on how many numbers of Table 5 are within tolerance, and which of them need more seeds."""
     out = [row for row in comparison.rows if not row.within]
     total, seeds = len(comparison.rows), comparison.seeds
     text = (
@@ -203,13 +188,11 @@ def reproduction_finding(comparison: Table5) -> str:
 
 
 def _item(item: str) -> str:
-    """Return a short name of a number of Table 5: its column and its quantity."""
     column, quantity = item.split(" / ")[-2:]
     return f"{column}, {QUANTITY_NAMES[quantity].split(', ')[0]}"
 
 
 def _error(row: Row) -> float:
-    """Return the standard error of a computed number, in % of the published number."""
     return 100 * row.standard_error / row.published
 
 
@@ -234,7 +217,6 @@ def _table5(comparison: Table5) -> Table:
 
 
 def _energy(comparison: Table5) -> str:
-    """Return a remark that converts one printed energy to MJ, for comparison with other tables of braking runs."""
     row = next((row for row in comparison.rows if row.item.endswith(f" / {_ENERGY}")), None)
     if row is None:
         return ""
@@ -253,17 +235,12 @@ def _reading(style: Callable[[str], str]) -> Table:
     )
 
 
-# --- the page ---------------------------------------------------------------------------------------------------------
-
-
 def reproduction_first_page(
     comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> FirstPage:
     """Return the first page of the reproduction report.
 
-    - comparison: Table 5, published and computed.
-    - held: further facts of the published runs.
-    - errata: equations, numbers and claims of the paper that were checked.
+    - held: facts of the published runs.
     - groups: loops with the gains of Table 4, one group for each inertia scale.
     """
     within, total = sum(row.within for row in comparison.rows), len(comparison.rows)
@@ -297,7 +274,7 @@ def reproduction_first_page(
 def reproduction_sections(
     comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> list[Section]:
-    """Return the sections of the reproduction report; the parameters are those of `reproduction_first_page`."""
+    """Return the sections of the reproduction report after the first page."""
     alt = "The curves of {} of the paper, as computed by this software."
     figures = tuple(Picture(name, f"[Park2008] {item}, redrawn.", alt.format(item)) for name, item in FIGURES.items())
     return [
@@ -311,7 +288,6 @@ def reproduction_sections(
 
 
 def _gains(groups: Sequence[ControllerGroup]) -> Section:
-    """Return the section on the margins with the gains of Table 4, for inertia scale 1 (SI) and 3.6 (as published)."""
     rows = [
         (group.title, f"{a.point.rail}, {a.point.speed_kmh:g} km/h", *margin_cells(a.margins), a.verdict.value)
         for group in groups
@@ -337,7 +313,6 @@ def _gains(groups: Sequence[ControllerGroup]) -> Section:
 
 
 def _errata(errata: Sequence[Erratum]) -> Section:
-    """Return the section on errata: formulas, numbers and claims of the paper that contradict other parts of it."""
     wrong, right = ([item for item in errata if item.agrees is agrees] for agrees in (False, True))
     blocks: list[Block] = []
     for item in wrong:

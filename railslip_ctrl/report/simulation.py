@@ -40,7 +40,7 @@ CSV_COLUMNS = {
     "measured_speed": "measured train speed [m/s]",
     "measured_wheel_speed": "measured wheel angular speed [rad/s]",
 }
-"""Column title in the CSV file for each field of `Signals`; `railslip identify` can read a file with these titles."""
+"""Column title in the CSV file for each field of `Signals`; `railslip identify` can read this file."""
 
 _WORKS = {
     "brake": "brake, torque times wheel speed",
@@ -52,13 +52,10 @@ _WORKS = {
 }
 
 
-# --- JSON --------------------------------------------------------------------------------------------------
-
-
 def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) -> dict[str, Any]:
     """Return the results of a run as JSON; time, distance, energy and slip error are null if the train did not stop.
 
-    - gains: name of the column of [Park2008] Table 4 from which the gains are; None for other gains.
+    - gains: column of [Park2008] Table 4 that gives the gains; None for other gains.
     - law_speed: initial speed v0 for which a published adhesion law is computed, m/s.
     """
     scenario = run.scenario
@@ -103,14 +100,10 @@ def _law_source(scenario: simulation.Scenario, law_speed: float) -> str:
     return source_of(scenario.adhesion, lambda: named_law(scenario.adhesion.name, scenario.vehicle, law_speed))
 
 
-# --- text --------------------------------------------------------------------------------------------------
-
-
 def simulation_text(run: simulation.Run, law_speed: float) -> str:
-    """Return the report on a run as text: scenario, controller, outcome, numbers and energy balance.
+    """Return the report on a run as text; the run must be recorded if an event of its scenario is given by distance.
 
-    - run: braking run; if an event of its scenario is given by distance, the run must be recorded.
-    - law_speed: initial speed v0 for which a published adhesion law is computed, m/s.
+    `law_speed` is the initial speed v0 for which a published adhesion law is computed, m/s.
     """
     scenario = run.scenario
     end = f"after {run.braking_time:.4g} s and {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
@@ -165,7 +158,6 @@ def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, st
 
 
 def _limits(scenario: simulation.Scenario) -> str:
-    """Describe the brake limits: range, gain and largest rate of the torque, and the lag while the torque falls."""
     limits, lag = scenario.limits, scenario.vehicle.actuator.lag
     rate = "no rate limit" if limits.rate is None else f"rate at most {limits.rate:g} N·m/s"
     dump = lag if limits.dump_lag is None else limits.dump_lag
@@ -176,7 +168,6 @@ def _limits(scenario: simulation.Scenario) -> str:
 
 
 def _believed(scenario: simulation.Scenario) -> list[tuple[str, str]]:
-    """Return a line with the wrong vehicle parameters that controllers assume; empty if they assume the true ones."""
     units = scenario.beliefs.units()
     texts = [
         f"{name.replace('_', ' ')} {value:g} {units[name]}" for name, value in scenario.beliefs if value is not None
@@ -238,15 +229,10 @@ def _energy_table(run: simulation.Run) -> RenderableType:
     return Table(("Energy", "kJ", "% of the start"), rows)
 
 
-# --- CSV ---------------------------------------------------------------------------------------------------
-
-
 def write_simulation_csv(run: simulation.Run, path: Path, *, internal: bool = False) -> None:
-    """Write the time series of a recorded run as CSV: a header with units, and one row for each recorded sample.
+    """Write the time series of a recorded run as CSV: a header with units, and one row for each sample.
 
-    - internal: if true, also write the controller's internal state.
-
-    If the controller has no reference slip, this column is nan.
+    If `internal`, the controller's internal state is written too.
     """
     signals = run.signals
     assert signals is not None, "the run was recorded"
@@ -257,9 +243,6 @@ def write_simulation_csv(run: simulation.Run, path: Path, *, internal: bool = Fa
         np.savetxt(file, np.column_stack([*signals, *own.values()]), fmt="%.12g", delimiter=",")
 
 
-# --- comparison of controllers --------------------------------------------------------------------------------------
-
-
 COLUMNS = (
     *("Controller", "Dist. m", "± m", "over bound %", "Time s", "Slip error", "error [P]"),
     *("Max slip", "Locked s", "Energy MJ", "Rate kN·m/s"),
@@ -267,10 +250,7 @@ COLUMNS = (
 
 
 def run_comparison_text(comparison: RunComparison) -> str:
-    """Return a text with a table that compares controllers.
-
-    Each row has the means of one controller over the seeds, and the standard error of its mean distance.
-    """
+    """Return a table of controllers: means over the seeds, and the standard error of the mean distance."""
     scenario, bound = comparison.scenario, comparison.bound
     parts: list[RenderableType] = [
         heading(f"Braking runs: {scenario.name}, inertia scale {scenario.vehicle.inertia_scale:g}"),
@@ -289,7 +269,6 @@ def run_comparison_text(comparison: RunComparison) -> str:
 
 
 def _row(row: ControllerRow, bound: float) -> tuple[str, ...]:
-    """Return the table cells of one controller in the order of `COLUMNS`; `bound` is the bound of the distance, m."""
     return (
         row.name,
         f"{row.braking_distance.value:.1f}",

@@ -34,7 +34,7 @@ from railslip_ctrl.simulation.population import GAIN, RADIUS, SPEED_NOISE, SPEED
 from railslip_ctrl.simulation.population import TEETH as ENCODERS
 from railslip_ctrl.simulation.run import LOCKED_SHARE, REACHED_SHARE
 
-SLIDING = 0.5  #: slip ratio above which a wheel counts as sliding: halfway to a locked wheel
+SLIDING = 0.5  #: slip ratio above which a wheel slides: halfway to a locked wheel
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,6 @@ class Stop:
 
     @property
     def braked_scenario(self) -> Scenario:
-        """Scenario of the stop with the torque limit `brake_torque`; the bound is computed for it."""
         most = self.brake_torque
         return self.run.scenario if math.isinf(most) else _limited(self.run.scenario, most)
 
@@ -79,7 +78,6 @@ class Stop:
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Runs of all seeds, in the order of the seeds."""
         return tuple(sorted((self.run, *self.others), key=lambda run: run.seed or 0))
 
     @property
@@ -89,22 +87,19 @@ class Stop:
 
     @property
     def max_slip(self) -> float:
-        """Highest slip ratio of all seeds."""
         return max(run.max_slip for run in self.runs)
 
     @property
     def slides(self) -> bool:
-        """True if the slip exceeds `SLIDING` with any seed."""
         return self.max_slip > SLIDING
 
     @property
     def locks(self) -> bool:
-        """True if the wheel locks with any seed."""
         return any(run.locked_fraction > 0 for run in self.runs)
 
     @property
     def over_bound(self) -> float:
-        """`distance`/bound - 1, a ratio; NaN if a run does not stop or the bound is unknown."""
+        """Ratio `distance`/bound - 1; NaN if a run does not stop or the bound is unknown."""
         if self.bound is None or not self.run.stopped or math.isinf(self.bound.braking_distance):
             return math.nan
         return self.distance / self.bound.braking_distance - 1
@@ -127,11 +122,7 @@ class RollingLoop:
 
 SEEDS = (0, 1)  #: noise seeds of a nominal stop; a campaign runs more seeds
 NARROW = "polach"
-"""Adhesion law with a narrow peak; if the user chose no laws, stops with this law are simulated too.
-
-The default envelope does not contain this law, because it has no reference slip, and because no design that holds a
-share of its peak slip is robust with tolerances.
-"""
+"""Adhesion law with a narrow peak; if the user chose no laws, stops with this law are simulated too."""
 
 ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
@@ -139,16 +130,10 @@ ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
         for name, error in (("torque", GAIN), ("train speed", SPEED_SCALE), ("radius", RADIUS))
     }
 )
-"""Smallest and largest factors on acting torque, measured train speed and wheel radius in stops with errors.
-
-They are those of `simulation.population`. The controller assumes that every factor is 1.
-"""
+"""Smallest and largest factors on acting torque, measured train speed and wheel radius in stops with errors."""
 
 TEETH = float(min(ENCODERS))
-"""Number of teeth of the wheel encoder in half of the stops with errors.
-
-These stops also have noise of the measured speed (`SPEED_NOISE`). The other half has neither encoder nor noise.
-"""
+"""Number of teeth of the wheel encoder in half of the stops with errors; the others have no encoder and no noise."""
 
 # distances at which the rail turns wet and dry again, over the square of the initial speed, s^2/m: 50 and 120 m at
 # 100 km/h, about a quarter and a half of a stop from any speed
@@ -160,10 +145,7 @@ LOG_PERIOD = 0.01  #: s, interval between recorded samples of a run, as in `rail
 
 
 def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
-    """Controller that runs a linear design in stops, and tracks the reference slip at which the design was judged.
-
-    If the envelope has no reference slip, the controller tracks that of one adhesion law; see `as_reference`.
-    """
+    """Controller that runs a linear design in stops, with the reference slip at which the design was judged."""
     operating = operating_points(judgement.points)
     reference = judgement.envelope.reference or as_reference(operating)
     return braking_control(
@@ -196,10 +178,7 @@ def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tupl
 
 
 def laws_of_stops(judgement: Judgement) -> list[str]:
-    """Names of the adhesion laws in the stops; laws without internal state come first.
-
-    These are the laws of the envelope, and `NARROW` if the user chose no laws.
-    """
+    """Names of the adhesion laws of the envelope, and `NARROW` if the user chose no laws; static laws come first."""
     operating = operating_points(judgement.points)
     dynamic = {point.law.name: point.law.has_state for point in operating}
     if judgement.envelope.laws == Envelope.model_fields["laws"].default:
@@ -212,7 +191,7 @@ def _loads(judgement: Judgement) -> list[str]:
 
 
 def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: str, rail: Rail) -> Scenario:
-    """Scenario of the nominal stop with this load ("empty" or "loaded"), this rail, and the adhesion law `law`."""
+    """Scenario of the nominal stop with an adhesion law, a load ("empty" or "loaded") and a rail."""
     of_load = np.flatnonzero(points.operating & (points.load == load))
     here = [points.plants[int(points.plant[i])].point for i in of_load]
     point = next((item for item in here if item.law.name == law), None)
@@ -227,8 +206,8 @@ def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: st
 def harder_scenarios(judgement: Judgement) -> Iterator[tuple[Scenario, str, str]]:
     """Yield the scenarios of the harder stops, each with a text that describes its errors, and its load.
 
-    For each law there are eight scenarios with errors of sensors and brake, combined by an orthogonal array, in turn on
-    dry and wet rail. For each law and load there is one scenario on a dry rail that turns wet and dry again.
+    Each law has eight scenarios with errors, combined by an orthogonal array. Each law and load has one scenario with a
+    rail that turns wet and dry again.
     """
     envelope, loads = judgement.envelope, _loads(judgement)
     for (i, law), (k, row) in product(enumerate(laws_of_stops(judgement)), enumerate(_ARRAY.tolist())):
@@ -244,8 +223,7 @@ def harder_scenarios(judgement: Judgement) -> Iterator[tuple[Scenario, str, str]
         yield scenario.with_changes(events=tuple(events)), CHANGES, load
 
 
-CHANGES = "turns wet and dry again"
-"""Description of the rail in stops on a changing rail."""
+CHANGES = "turns wet and dry again"  #: description of the rail
 
 
 def _with_errors(scenario: Scenario, envelope: Envelope, row: Sequence[int]) -> tuple[Scenario, str]:
@@ -270,10 +248,7 @@ def harder_stops(control: Any, judgement: Judgement) -> tuple[Stop, ...]:
 
 
 def locks_at_once(control: Any, judgement: Judgement, above: float, *, hard: bool) -> bool:
-    """True if the wheel locks at a train speed above `above`, m/s, in any nominal stop.
-
-    If `hard`, harder stops count too. Each stop is simulated with one seed, and the first lock ends the search.
-    """
+    """True if a wheel locks above the speed `above`, m/s, in a nominal stop or, if `hard`, in a harder stop."""
     cases = product(laws_of_stops(judgement), _loads(judgement), judgement.envelope.rails)
     plain = ((stop_scenario(judgement.envelope, judgement.points, law, load, rail), load) for law, load, rail in cases)
     harder = ((scenario, load) for scenario, _, load in harder_scenarios(judgement)) if hard else ()
@@ -313,23 +288,17 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
 
 
 def _locked_from(run: Run) -> float:
-    """Highest train speed, m/s, at which the wheel is locked; 0 if it does not lock."""
     assert run.signals is not None, "the run is recorded"
     return float(run.signals.speed[run.signals.slip > 1 - LOCKED_SHARE].max(initial=0.0))
 
 
 def _filled(run: Run) -> float:
-    """Sum of all rises of the acting torque, N*m."""
     assert run.signals is not None, "the run is recorded"
     return float(np.maximum(np.diff(run.signals.torque, prepend=0.0), 0.0).sum())
 
 
 def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) -> tuple[RollingLoop, ...]:
-    """Loops linearised at slip 0, with exact dead time, for the nominal stops in which the wheel oscillates.
-
-    The operating points of the envelope have constant slip > 0, at which the contact slides. They do not show this
-    oscillation.
-    """
+    """Loops linearised at slip 0, for the nominal stops in which the wheel oscillates."""
     result = []
     for item in nominal:
         if item.swings:
@@ -341,10 +310,6 @@ def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) ->
 
 
 def _settled_slip(run: Run, cut_out: float) -> float:
-    """Median slip ratio over the second half of the time in which the train is faster than `cut_out`, m/s.
-
-    NaN if the train is never faster.
-    """
     assert run.signals is not None, "the run is recorded"
     slip = run.signals.slip[run.signals.speed > cut_out]
     return float(np.median(slip[slip.size // 2 :])) if slip.size else math.nan
@@ -362,7 +327,7 @@ def _limited(scenario: Scenario, most: float) -> Scenario:
 
 
 def clairvoyant_stops(scenarios: Sequence[Scenario]) -> list[tuple[ClairvoyantStop | None, ClairvoyantStop | None]]:
-    """Bound and attainable stop of each scenario; None replaces one that cannot be computed."""
+    """Bound and attainable stop of each scenario; None if it cannot be computed."""
     return [(_known(clairvoyant_stop, scenario), _known(attainable_stop, scenario)) for scenario in scenarios]
 
 

@@ -83,14 +83,13 @@ def vehicle_line(vehicle: Vehicle) -> str:
 
 
 def _loads(empty: float, loaded: float, unit: str) -> str:
-    """Format a quantity of the empty and the loaded vehicle; if the two values are equal, write only one."""
     if empty == loaded:
         return f"{empty:g} {unit}"  # the vehicle has one load case, or only its loaded state is used
     return f"{empty:g} {unit} empty, {loaded:g} {unit} loaded"
 
 
 def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
-    """Return name and value of each vehicle parameter, with its unit, followed by notes and warnings on the vehicle."""
+    """Return name and value of each vehicle parameter, with its unit, and notes and warnings on the vehicle."""
     wheel, resistance = vehicle.wheel, vehicle.resistance
     rows = [
         ("Vehicle", vehicle.name + (f"  {vehicle.source}" if vehicle.source else "")),
@@ -112,10 +111,7 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
 
 
 def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
-    """Describe the adhesion law of each rail with its parameters.
-
-    For a law that is not published, also describe how the parameters for wet rail follow from those for dry rail.
-    """
+    """Describe the adhesion law of each rail, and how its wet parameters follow from the dry ones."""
     distinct = {(point.rail, point.law.parameters()): point for point in points}
     dry = next((point.law for point in distinct.values() if point.rail is Rail.DRY), None)
     return [
@@ -130,10 +126,6 @@ def _parameters(law: AdhesionLaw) -> str:
 
 
 def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
-    """Describe how the law's parameters for wet rail were computed from those for dry rail; empty if they were not.
-
-    If there is no dry law to compare with, name both possibilities: given, or computed.
-    """
     if point.rail is not Rail.WET or source_at(point) == PUBLISHED:
         return ""
     if dry is not None:
@@ -144,7 +136,6 @@ def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
 
 
 def _factors(dry: AdhesionLaw) -> str:
-    """Return, as text, the factors by which a law multiplies its dry parameters for wet rail."""
     texts = []
     wet = dry.wet().numbers()
     for name, (value, _) in dry.numbers().items():
@@ -155,11 +146,8 @@ def _factors(dry: AdhesionLaw) -> str:
     return ", ".join(texts) or "no parameter changes"
 
 
-# -- linearize ------------------------------------------------------------------------------------------------
-
-
 def linearize_text(plants: Sequence[LinearPlant]) -> str:
-    """Return a text on each operating point and its linearised plant."""
+    """Return each operating point and its linearised plant as text."""
     parts: list[RenderableType] = []
     for plant in plants:
         point = plant.point
@@ -201,11 +189,8 @@ def polynomial_text(coefficients: Iterable[float]) -> str:
     return "".join(terms)
 
 
-# -- margins --------------------------------------------------------------------------------------------------
-
-
 def margins_text(assessments: Sequence[Assessment], certificates: Sequence[Certificate] = ()) -> str:
-    """Return a text on the stability margins of each loop, and on its certificate if there is one."""
+    """Return the stability margins of each loop as text, with its certificate if there is one."""
     parts: list[RenderableType] = []
     for assessment, certificate in zip_longest(assessments, certificates):
         parts += [*_assessment(assessment), *_certificate(certificate), ""]
@@ -246,7 +231,6 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
 
 
 def _certificate(certificate: Certificate | None) -> list[RenderableType]:
-    """Return a table of the certified interval of each margin, with all digits of both ends."""
     if certificate is None:
         return []
     if not certificate.stable:
@@ -318,10 +302,6 @@ def _decrease(m: Margins, digits: int) -> str:
 
 
 def _pade_part(assessment: Assessment) -> list[RenderableType]:
-    """Return a table that compares loops with Pade approximations of the dead time with the exact loop.
-
-    If the exact loop and all approximations are unstable, one line replaces the table.
-    """
     exact, orders = assessment.margins, assessment.pade
     if exact is None and all(row.margins is None for row in orders):
         first, last = orders[0].order, orders[-1].order
@@ -344,11 +324,8 @@ def _pade_cells(m: Margins | None) -> list[str]:
     return ["stable", fixed(m.gain_increase), _decrease(m, 5), fixed(m.phase_deg), fixed(m.delay_s), fixed(m.ms)]
 
 
-# --- text and JSON of a verdict over an envelope ---------------------------------------------------------------------
-
-
 def judgement_json(judgement: Judgement) -> dict[str, Any]:
-    """Return a judgement as JSON; its key `cases` has the margins of each operating point without tolerances."""
+    """Return a judgement as JSON; `cases` has the margins of each operating point without tolerances."""
     points = judgement.points
     operating = [points.case(int(i)) for i in np.flatnonzero(points.operating)]
     margins = [margins_json(assess(case.plant, judgement.controller, case.actuator)) for case in operating]
@@ -362,7 +339,7 @@ def judgement_text(judgement: Judgement) -> str:
 
 
 def judgement_parts(judgement: Judgement) -> list[RenderableType]:
-    """Return the parts of the text of `judgement_text`: heading, facts, tables and strings."""
+    """Return the blocks of `judgement_text`."""
     used, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
     operating = int(judgement.points.operating.sum())
     over = "At all speeds" if used is None or used <= min(judgement.envelope.speeds) else f"From {used:g} km/h up"
@@ -398,10 +375,7 @@ def envelope_text(envelope: Envelope) -> str:
 
 
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
-    """Yield name, value and case of the worst Ms and of the smallest margins.
-
-    Only speeds from `usable_from_kmh` up are considered; all speeds if it is None.
-    """
+    """Yield name, value and case of the worst Ms and the smallest margins, at speeds from `usable_from_kmh` up."""
     name, value, where = worst_cells(judged.worst)
     yield f"Worst {name}", value, where
     if not judged.nominal:
@@ -419,14 +393,13 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
 
 
 def worst_cells(worst: WorstCase) -> tuple[str, str, str]:
-    """Return name, value and case of the worst Ms, that of the continuous or the sampled loop, whichever is larger."""
+    """Return name, value and case of the worst Ms, the larger of the continuous and the sampled loop."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
         return f"Ms{_kind_of(worst)}", ms_text(worst.ms), worst.case.description
     return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.description}; continuous {ms_text(worst.ms)}"
 
 
 def _kind_of(worst: WorstCase) -> str:
-    """Return ", sampled" for a sampled loop, ", continuous" for a loop that is also judged as sampled, otherwise ""."""
     return ", sampled" if isinstance(worst.loop, SampledLoop) else "" if worst.as_run is None else ", continuous"
 
 
@@ -441,14 +414,8 @@ def _map_table(judgement: Judgement) -> RenderableType:
     return Table(head, rows)
 
 
-# --- text and JSON of tuned designs ----------------------------------------------------------------------------------
-
-
 def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
-    """Return a tuned design as JSON: gains, margins of every case, and the verdict over an envelope if given.
-
-    The gains are null if no gains meet the specification.
-    """
+    """Return a tuned design as JSON, with the verdict over an envelope if given; gains that were not found are null."""
     design = tuned.design
     margins: Sequence[Margins | None] = [None] * len(tuned.points)
     worst = None
@@ -471,13 +438,13 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
 
 
 def by_rule_json(design: Design) -> dict[str, Any]:
-    """Return a controller that was computed from the vehicle alone, and its verdict over an envelope, as JSON."""
+    """Return a controller computed from the vehicle alone, and its verdict over an envelope, as JSON."""
     head = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.controller)}
     return {**head, "feasible": not design.reason, **design.judgement.table()}
 
 
 def by_rule_text(design: Design) -> str:
-    """Return a controller that was computed from the vehicle alone, and its verdict over an envelope, as text."""
+    """Return a controller computed from the vehicle alone, and its verdict over an envelope, as text."""
     control, rows = design.controller, []
     for name, field in type(control).model_fields.items():
         extra, value = field.json_schema_extra, getattr(control, name)
@@ -527,11 +494,7 @@ def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) ->
 
 
 def no_lock_section(released: Sequence[Released]) -> Section | None:
-    """Return the report section on stops for which it is proved that a brake release prevents a lock.
-
-    It gives the share of the samples with this proof. Stops that cannot be certified are listed with the reason. None
-    if there are no stops.
-    """
+    """Section on stops for which it is proved that a brake release prevents a lock; None without stops."""
     rows = []
     for item in released:
         if item.certified is None:

@@ -1,7 +1,4 @@
-"""Verification of a sliding-mode law as text and JSON, and a text on Lyapunov conditions along braking runs.
-
-The file `templates/conditions.toml` contains the texts of conditions, evidence and conclusions.
-"""
+"""Verification of a sliding-mode law as text and JSON; the texts are in `templates/conditions.toml`."""
 
 from __future__ import annotations
 
@@ -38,18 +35,12 @@ def statement(condition: Condition) -> str:
 
 
 def evidence(condition: Condition) -> str:
-    """Return the evidence for the verdict on a condition: an identity, or numbers with their range.
-
-    For a condition that was not decided this is the reason.
-    """
+    """Return the evidence for the verdict on a condition, or the reason why it was not decided."""
     return _with_numbers(_texts_of(condition)["evidence"], condition.numbers)
 
 
 def conclusion_text(law: str, findings: Mapping[str, Any] | None) -> str:
-    """Return the conclusion for a brake with lag and dead time.
-
-    - law, findings: law and findings of the `Verification`; if `findings` is None, the conclusion is empty.
-    """
+    """Return the conclusion for a brake with lag and dead time; empty without `findings`."""
     return "" if findings is None else _with_numbers(_texts()["conclusion"][law], findings)
 
 
@@ -63,18 +54,14 @@ def _texts_of(condition: Condition) -> dict[str, str]:
 
 
 def _with_numbers(text: str, numbers: Mapping[str, Any]) -> str:
-    """Return a text template with its numbers filled in, as one line."""
     one_line = filled(_texts()["macros"]["text"] + text, {**_CONSTANTS, **numbers})
     return re.sub(r"(?<=\() | (?=[;,:)]|\.(?![\d.]))", "", one_line)
 
 
 def verification_json(verification: Verification) -> dict[str, Any]:
-    """Return a verification as JSON: the conditions in order, and whether all of them hold.
+    """Return a verification as JSON; `holds` and `how` are null if a condition was not decided.
 
-    - conditions: `holds` and `how` are null if a condition was not decided. `down_to_kmh` is the lowest speed at which
-      it holds. `tolerated_errors` are the largest errors of the law's estimates, each alone and in both directions, as
-      ratios; null if unbounded.
-    - box: ranges of speed, slip and other quantities in which the conditions are checked; only for the predictive law.
+    - tolerated_errors: largest errors of the law's estimates, each alone, as ratios; null if unbounded.
     - tolerances: for each quantity, the largest value at which all conditions hold while the others are as in `box`.
     """
     return {
@@ -98,10 +85,7 @@ def verification_json(verification: Verification) -> dict[str, Any]:
 
 
 def verification_text(verification: Verification, about: Sequence[tuple[str, str]] = ()) -> str:
-    """Return a verification as text: table of verdicts, each condition with its evidence, verdict and conclusion.
-
-    - about: further facts for the head of the report, such as vehicle and adhesion, as pairs (name, value).
-    """
+    """Return a verification as text; `about` has further facts for its head, as pairs (name, value)."""
     known = Facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
     rows = []
@@ -124,7 +108,6 @@ def verification_text(verification: Verification, about: Sequence[tuple[str, str
 
 
 def _box(verification: Verification) -> list[RenderableType]:
-    """Return a paragraph on the box of the verification, and the table of the largest tolerance of each quantity."""
     box = verification.box
     speeds, masses = ("{:g} to {:g}".format(*box[name]) for name in ("speed_kmh", "mass_kg"))
     text = (
@@ -180,9 +163,6 @@ def _verdict(verification: Verification) -> str:
     for title, names in zip(titles, (claimed, others, undecided), strict=True):
         lines += [title, *(f"  - {name}" for name in names)] if names else []
     return "\n".join(lines)
-
-
-# --- runs judged by the Lyapunov conditions ---------------------------------------------------------------------------
 
 
 def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:

@@ -39,10 +39,9 @@ _TWO = -1 + 0.5 * _CIRCLE  # circle |1 + L| = 1/2; Ms is below 2 if L stays outs
 
 
 def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
-    """Draw a diagram of one loop.
+    """Draw a diagram of one loop; `kind` is "bode", "nyquist" or "nichols".
 
-    - kind: {"bode", "nyquist", "nichols"}.
-    - band: frequencies, rad/s, of which only the lowest and the highest are used; default: the loop's feature band.
+    Of the frequencies `band`, rad/s, only the lowest and the highest are used; default: the loop's feature band.
     """
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     margins, unstable = loop.margins() if loop.is_stable() else None, loop.unstable_closed_loop_poles
@@ -53,7 +52,6 @@ def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) 
 
 
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
-    """Title that says which vehicle, adhesion law and slips a figure shows, so that it can stand alone."""
     first: Any = groups[0].assessments[0]
     point = first.point
     if point is None:
@@ -68,13 +66,11 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
 
 
 def _new_figure(groups: tuple[ControllerGroup, ...], height: float, lines_each: int = 1) -> Figure:
-    """New figure whose height is `height`, inches, plus space for the legends."""
     height += 0.15 * lines_each * max(len(group.assessments) for group in groups)
     return style.new_figure(height, _title(groups))
 
 
 def _column(groups: tuple[ControllerGroup, ...]) -> float:
-    """Width of one column of panels, including its axis labels, inches."""
     return (style.PAGE_WIDTH - 0.3) / max(len(groups), 2)
 
 
@@ -128,7 +124,6 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
 
 
 def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, look: dict[str, Any]) -> None:
-    """Draw magnitude and phase (without jumps of 360 deg) of a loop, and mark its gain crossovers."""
     at = np.searchsorted(curve.omega, loop.gain_crossovers)
     at = at[at < curve.omega.size]
     for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
@@ -138,7 +133,6 @@ def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, lo
 
 
 def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
-    """Draw lines at odd multiples of 180 deg, and limit the phase axis to the range of `_visible_phases`."""
     low, high = _visible_phases(curves)
     ax.set_ylim(low - 20, high + 20)
     ax.yaxis.set_major_locator(MultipleLocator(90))
@@ -147,7 +141,6 @@ def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
 
 
 def _visible_phases(curves: tuple[FrequencyCurve, ...]) -> tuple[float, float]:
-    """Lowest and highest phase, deg, at frequencies where |L| is -40 to 40 dB; at most the upper 540 deg of them."""
     shown = np.concatenate([c.phase_deg[np.abs(c.magnitude_db) < 40] for c in curves])
     if shown.size == 0:
         shown = np.concatenate([c.phase_deg for c in curves])
@@ -155,7 +148,6 @@ def _visible_phases(curves: tuple[FrequencyCurve, ...]) -> tuple[float, float]:
 
 
 def _critical(low: float, high: float) -> list[float]:
-    """Odd multiples of 180 deg from `low` - 30 deg to `high` + 30 deg."""
     first, last = int(np.floor((low - 210) / 360)), int(np.ceil((high - 150) / 360))
     return [180.0 + 360.0 * k for k in range(first, last + 1) if low - 30 <= 180 + 360 * k <= high + 30]
 
@@ -191,7 +183,6 @@ def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 
 
 def _compressed(response: Any) -> Any:
-    """Map L to L/(1 + |L|), which has the same phase: -1 is drawn at -1/2, and infinity on the unit circle."""
     return response / (1 + np.abs(response))
 
 
@@ -202,7 +193,6 @@ def _encirclements(assessment: Assessment) -> str:
 
 
 def _nyquist_line(ax: Any, response: Any, look: dict[str, Any]) -> None:
-    """Draw a Nyquist curve: positive frequencies as a thick line with arrows, negative ones as a thin line."""
     ax.plot(response.real, response.imag, linewidth=1.4, **look)
     ax.plot(response.real, -response.imag, linewidth=0.6, **look)
     visible = np.flatnonzero((np.abs(response.real + 1) < 2) & (np.abs(response.imag) < 1.9) & (np.abs(response) > 0.1))
@@ -222,7 +212,6 @@ def _arrow(ax: Any, tail: complex, head: complex, look: dict[str, Any]) -> None:
 
 
 def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, look: dict[str, Any]) -> None:
-    """Draw the part of the Nyquist curve at infinity, which turns clockwise by 180 deg for each pole at the origin."""
     integrators = loop.integrators
     if integrators == 0:
         return
@@ -251,10 +240,7 @@ def _decorate_near(ax: Any) -> None:
 
 
 def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
-    """Plot the Nichols diagrams of groups of loops, with a panel for each group.
-
-    Marks show the points L = -1, and the contours around them show Ms = 2.
-    """
+    """Plot the Nichols diagrams of groups of loops, with marks at L = -1 and contours of Ms = 2."""
     figure = _new_figure(groups, 3.7)
     axes = style.panels(figure, 1, len(groups), sharex=True, sharey=True)
     low, high = _visible_phases(tuple(curve for group in groups for curve in group.curves))
@@ -274,9 +260,6 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         style.legend_below(ax, 0.22)
     axes[0, 0].set_ylabel("magnitude |L| (dB)")
     return figure
-
-
-# --- pictures of designs: stabilising regions, margins along an axis, closed-loop responses, the gang of four --------
 
 
 _MS_TOP = 8.0  # end of the Ms axis; with a larger Ms a loop is almost unstable
@@ -331,7 +314,6 @@ def region_figure(
 
 
 def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
-    """Limit the axes of a region of gains if the region has no bound."""
     cut = max((float(strip.ki_high.max()) for strip in strips if strip.ki_cut), default=None)
     if cut is not None:
         ax.set_ylim(0.0, cut)
@@ -344,22 +326,16 @@ def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Triangles between the stable points of a grid of gains and the edge of the stabilising region.
-
-    At the edge every margin is 0. Contours on the rectangular grid alone would have steps along an inclined edge.
-    """
-
+    # triangles reach the edge of the region, where every margin is 0: a rectangular grid would give stepped contours
     triangles: Triangulation
     inside: Any
     edge: int
 
     def values(self, field: Any) -> Any:
-        """Values of a quantity at the points of the mesh, from its values `field` on the grid; 0 at the edge."""
         return np.concatenate([field[self.inside], np.zeros(self.edge)])
 
 
 def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
-    """Mesh of the stable points of the grid; None if there are too few of them."""
     inside = np.isfinite(grid.ms) & np.isfinite(grid.phase_deg) & np.isfinite(grid.delay_s)
     if not strips or inside.sum() < 4:
         return None
@@ -381,7 +357,6 @@ def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
 
 
 def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str], marks: Iterable[Any]) -> None:
-    """Draw contours of a quantity that is 0 at the edge of the region; their labels avoid the points `marks`."""
     if mesh is None or not levels:
         return
     look = {"colors": "0.25", "linewidths": 0.8, "linestyles": "-"}
@@ -390,7 +365,6 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
 
 
 def _number_contours(ax: Any, lines: Any, labels: Mapping[float, str], marks: Iterable[Any]) -> None:
-    """Label each contour at the point that is farthest from all other labels and from `marks`."""
     ax.get_xlim()  # applies pending limits of the axes
     to_axes = ax.transData - ax.transAxes
     taken = [to_axes.transform(mark) for mark in marks]
@@ -408,7 +382,6 @@ def _number_contours(ax: Any, lines: Any, labels: Mapping[float, str], marks: It
 
 
 def _round_levels(values: Any) -> dict[float, str]:
-    """Contour levels with round numbers; the highest and the lowest values of the quantity get no contours."""
     finite = values[np.isfinite(values)]  # without a crossover a margin is infinite
     if not (finite.size and finite.max() > 0):
         return {}
@@ -425,10 +398,7 @@ def _ms_levels(ms: Any) -> list[float]:
 
 
 def sweep_figure(sweeps: Sequence[MarginSweep], *, title: str) -> Figure:
-    """Plot margins over speed, slip or another axis: Ms, phase margin, delay margin, and rightmost pole of the plant.
-
-    Each sweep has a column. A line has a gap where its loop is unstable.
-    """
+    """Plot Ms, phase margin, delay margin and rightmost plant pole over speed or slip, with a column for each sweep."""
     figure = style.new_figure(7.2, title)
     # sweeps over speed and over slip have separate axes, because their poles differ in size; two rails share the axes
     alike = len({sweep.axis for sweep in sweeps}) == 1
@@ -491,7 +461,6 @@ def response_figure(
 
 
 def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
-    """If the command has a high peak at the start, cut the peak off, and print its value."""
     if not responses:
         return
     later = np.concatenate([response.control[response.time > _KICK * response.time[-1]] for response in responses])
@@ -519,8 +488,7 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
 def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float = 0.0) -> Figure:
     """Plot the worst Ms over speed and load, at the operating points and with tolerances, with a row per controller.
 
-    - maps: worst Ms by name of the controller.
-    - hand_over_kmh: hand-over speed, km/h, which a dashed line marks; below it slip is not controlled.
+    A dashed line marks the hand-over speed `hand_over_kmh`, km/h, below which slip is not controlled.
     """
     figure = style.new_figure(0.7 + 2.6 * len(maps), title)
     axes = style.panels(figure, len(maps), 2, sharex="col")
@@ -540,7 +508,6 @@ def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float
 
 
 def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
-    """Draw a cell for each speed and load, with its worst Ms; a cell with an unstable loop is black."""
     shown = np.where(np.isinf(worst), _MS_TOP, np.minimum(worst, _MS_TOP))
     ax.imshow(shown, cmap="Greys", vmin=1.0, vmax=_MS_TOP, aspect="auto", origin="lower")
     for i, j in np.ndindex(*worst.shape):
@@ -549,9 +516,6 @@ def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
         ax.text(j, i, text, ha="center", va="center", fontsize=7, color="white" if shown[i, j] > 4.5 else "black")
     ax.set_xticks(range(len(loads)), loads)
     ax.set_yticks(range(speeds.size), [f"{v:g}" for v in speeds])
-
-
-# --- pictures of a design report by name -----------------------------------------------------------------------------
 
 
 _MS_LEVELS = (1.5, ROBUST_MS, 3.0, 5.0, 10.0)

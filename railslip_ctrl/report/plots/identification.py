@@ -73,11 +73,10 @@ def _adhesion(ax: Any, result: Identification, columns: int) -> None:
 
 
 def drift_figure(result: Identification) -> Figure:
-    """Plot the slip and the mu of the adhesion peak over train speed, for each rail, with the reference slip.
+    """Plot slip and mu of the adhesion peak over train speed, for each rail, with the reference slip.
 
-    Peaks at the speed of the log have filled marks. Hollow marks are extrapolated to other speeds, or computed for wet
-    rail from the dry law. Error bars are 95 % intervals; peaks computed from the dry law have none. The curve of
-    Curtius and Kniffler (largest mu of locomotives on dry rail) is drawn for comparison.
+    Hollow marks are extrapolated, or computed for wet rail from the dry law. Error bars are 95 % intervals. The curve
+    of Curtius and Kniffler (largest mu of locomotives on dry rail) is drawn for comparison.
     """
     title = f"Peak of {result.chosen.fit.model.name} over speed: {result.curve.name.rsplit('/', 1)[-1]}"
     figure = style.new_figure(4.2, title)
@@ -92,14 +91,13 @@ def drift_figure(result: Identification) -> Figure:
     for ax in (slip, height):
         ax.set_xlabel("train speed (km/h)")
     for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may exceed slip 1
-        if math.isfinite(ax.dataLim.ymax):  # not so for a model without a peak
+        if math.isfinite(ax.dataLim.ymax):  # not finite without a peak
             ax.set_ylim(0.0, min(1.08 * ax.dataLim.ymax, most))
         style.legend_below(ax, 0.17)
     return figure
 
 
 def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
-    """Draw the peaks on one rail over speed; all are from the log, or all are computed from the law of dry rail."""
     rail = peaks[0].rail
     look, where = style.rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
     speed, values, ends, mu, mu_ends, reference = (
@@ -115,7 +113,6 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
 
 
 def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label: str, look: dict[str, Any]) -> None:
-    """Draw values over speed as a line with marks; values from the log get error bars."""
     speed, values, ends = data
     if peaks[0].by_rule:
         ax.plot(speed, values, marker="D", markersize=4, fillstyle="none", label=label, **look)
@@ -154,7 +151,7 @@ def coefficients_figure(
 ) -> Figure:
     """Plot each parameter over the initial speed: its value for each log with a 99 % interval, and the polynomial.
 
-    - beside: label of a second line, and a function that returns other values of all parameters at a speed, km/h.
+    - beside: label of a second line, and a function that returns the parameters at a speed, km/h.
     """
     count, first = len(result.polynomials), result.logs[0].chosen.fit
     title = f"Parameters of {first.model.name} over the initial speed v0"
@@ -173,16 +170,13 @@ def coefficients_figure(
     return figure
 
 
-# --- observers -------------------------------------------------------------------------------------------------------
-
-
 def estimates_figure(
     trial: BrakeTrial, time: Floats, estimates: Mapping[str, Floats], errors: Mapping[str, Floats], *, title: str
 ) -> Figure:
     """Plot a simulated braking: true speeds and torques, and estimates of the adhesion torque with their errors.
 
-    - time: times of the estimates, s, (n,).
-    - estimates, errors: estimates and their errors by name of the observer, N*m, (n,).
+    - time: times of the estimates, s, shape (n,).
+    - estimates, errors: estimates and their errors by name of the observer, N*m, shape (n,).
     """
     figure = style.new_figure(4.2 + 1.1 * len(estimates), title)
     axes = style.panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[
@@ -217,9 +211,6 @@ def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, tit
         "speed_noise": "from noise of the speed (N·m per rad/s)",
     }
     return style.magnitudes_figure(responses, fields, title, 5.6)
-
-
-# --- a test on the virtual rig -------------------------------------------------------------------------------------
 
 
 def rig_test_figure(log: Rows, *, radius: float, title: str) -> Figure:

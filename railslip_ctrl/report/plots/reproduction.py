@@ -31,7 +31,7 @@ def model_figures(curves: Sequence[ModelCurve]) -> dict[str, Figure]:
 
 
 def run_figures(runs: Mapping[str, Run]) -> dict[str, Figure]:
-    """Return Figs. 18 to 21 by file name; `runs` has a recorded run for each of the four columns of Table 5."""
+    """Return Figs. 18 to 21 by file name; `runs` has a recorded run for each column of Table 5."""
     return {
         "fig_18": _speeds(18, {name: run for name, run in runs.items() if name.startswith("PI")}),
         "fig_19": _speeds(19, {name: run for name, run in runs.items() if name.startswith("ASMC")}),
@@ -153,10 +153,6 @@ def _slips(runs: Mapping[str, Run]) -> Figure:
 def _by_controller(
     figure: Figure, runs: Mapping[str, Run], label: str, draw: Callable[[Any, int, str, Run], None]
 ) -> Figure:
-    """Draw a panel for each kind of controller (PI, ASMC), and call `draw` for each run of this kind.
-
-    `draw` gets the axes, the number of the run within its panel, from 0, the name of the run, and the run.
-    """
     kinds = list(dict.fromkeys(name.split()[0] for name in runs))
     axes = style.panels(figure, len(kinds), sharex=True, sharey=True)[:, 0]
     for ax, kind in zip(axes, kinds, strict=True):

@@ -62,18 +62,12 @@ def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
     return figure
 
 
-# --- pictures of a braking run ---------------------------------------------------------------------------------------
-
-
 _ENOUGH_TORQUE = 1.15  # top of the torque axis over the highest acting torque; a higher command is clipped
 _ENOUGH_SLIP = 1.3  # top of the slip axis over the larger of reference slip and 99.9 % quantile of the slip
 
 
 def simulation_figure(run: Run) -> Figure:
-    """Plot a recorded run over time: speeds, slip with its reference, commanded and acting torque, and mu.
-
-    A dotted vertical line marks each event that occurred.
-    """
+    """Plot a recorded run over time: speeds, slip and reference, torques and mu; a dotted line marks each event."""
     signals = recorded(run)
     name = f"{run.scenario.name}, {run.controller.label}: {run.outcome.value} at {run.braking_time:.4g} s"
     noise = "without noise" if run.seed is None else f"seed {run.seed}"
@@ -108,9 +102,9 @@ def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
 def no_lock_figure(result: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: str) -> Figure:
     """Plot no-lock regions and runs, torque over slip, with a panel for each entry of `result`.
 
-    Each speed has a line. Below this line, it is proved that the wheel does not lock at this speed if the brake is
-    released. A grey line shows the run, with a cross at each sample that is not certified. A mark shows where the run
-    reaches each speed; it is filled if the sample is certified.
+    Below the line of a speed it is proved that the wheel does not lock at this speed if the brake is released. A grey
+    line shows the run, with a cross at each sample without this proof. A mark shows where the run reaches each speed;
+    it is hollow without this proof.
     """
     legend = "below a line the wheel certainly does not lock if the brake is released; marks: the run at these speeds"
     figure = style.new_figure(3.9, f"{title}; {legend}")
@@ -134,7 +128,6 @@ def no_lock_figure(result: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: s
 
 
 def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
-    """Draw speeds, slip and torque in three rows of axes, and each run in its own column."""
     slips, torques, highest = [], [1.0], [0.0]
     for (speed, slip, torque), run in zip(axes.T, runs, strict=True):
         signals = recorded(run)
@@ -158,7 +151,6 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
 
 
 def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float = 0.0, what: str = "") -> None:
-    """Limit the y axes of a row to 0 to `top`; if the `highest` value is larger, the label says "`what` clipped"."""
     row[0].set(
         ylim=(0.0, top if highest > top else None), ylabel=f"{label}\n{what} clipped" if highest > top else label
     )
@@ -166,12 +158,9 @@ def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float
 
 
 def recorded(run: Run) -> Signals:
-    """Return the signals of a run, which must have been recorded."""
+    """Return the signals of a recorded run."""
     assert run.signals is not None, "the run was recorded"
     return run.signals
-
-
-# --- runs judged by the Lyapunov conditions ---------------------------------------------------------------------------
 
 
 _LEAST = 1e-16  # least value on a logarithmic axis, where 0 cannot be drawn
@@ -181,10 +170,7 @@ _BLOCKS = 150  # least number of intervals of a run, so that spikes from noise a
 
 
 _Curve = tuple[str, str, bool, Callable[[Any], Floats]]
-"""A curve over time: axis label, axis scale, whether to draw only the largest value of each interval, and function.
-
-The function computes the values of the curve from the signals of a run.
-"""
+"""Axis label, axis scale, whether only the largest value of each interval is drawn, and function of the signals."""
 
 
 def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
@@ -206,10 +192,7 @@ def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -
 
 
 def adaptation_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
-    """Plot the Lyapunov function V of (46) of [Park2008], its rate, and the estimates of theta along runs.
-
-    The runs are those of the adaptive law. The true values of theta are drawn too.
-    """
+    """Plot V of (46) of [Park2008], its rate, and the true and estimated theta along runs of the adaptive law."""
     curves: tuple[_Curve, ...] = (
         ("V ((m/s)²)", "log", False, lambda x: x.V),
         ("V', theta\nconstant (m²/s³)", "symlog", True, lambda x: x.V_rate_constant),
@@ -227,7 +210,6 @@ def adaptation_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> F
 def _along_runs(
     cases: Sequence[tuple[str, LyapunovRun]], title: str, curves: Sequence[_Curve]
 ) -> tuple[Figure, NDArray[Any]]:
-    """Plot curves over time, with a panel for each curve and a line for each run."""
     longest = max(float(judged.signals.time[-1]) for _, judged in cases)
     interval = max(round(10 * longest / _BLOCKS), 1) / 10  # s, a multiple of 0.1 s that is visible in the picture
     figure = style.new_figure(8.0, f"{title}: the largest in each {interval:g} s")
@@ -251,9 +233,6 @@ def _along_runs(
     return figure, axes
 
 
-# --- campaigns --------------------------------------------------------------------------------------------------------
-
-
 _SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
 # position of a controller's label relative to its worst run; corners differ, because two runs may coincide
 _CORNERS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
@@ -261,10 +240,7 @@ _LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # white outline, so 
 
 
 def distributions_figure(summary: CampaignSummary) -> Figure | None:
-    """Plot density and distribution function of distance, slip error, highest slip and energy over a campaign's runs.
-
-    Only runs that stopped count; None if there are none.
-    """
+    """Plot the distribution of four measures over the runs of a campaign that stopped; None if no run stopped."""
     if not summary.any_stopped:
         return None
     figure = style.new_figure(0.9 + 1.5 * len(_SHOWN), _title(summary))
@@ -295,8 +271,7 @@ def distributions_figure(summary: CampaignSummary) -> Figure | None:
 def scatter_figure(summary: CampaignSummary) -> Figure | None:
     """Plot the measure by which runs are ranked over each varied quantity.
 
-    Rings mark the worst runs of each controller, and a run number the worst of them. None if no quantity is varied or
-    no run stopped.
+    Rings mark the worst runs of each controller. None if no quantity is varied or no run stopped.
     """
     heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     if not heads or not summary.any_stopped:
@@ -339,7 +314,6 @@ def _title(summary: CampaignSummary) -> str:
 
 
 def _dotted(head: str) -> str:
-    """Turn a column title into an axis label, with signs for multiplication and for a missing unit."""
     label = head.replace("_", " ").replace("*", "·")
     return label if "(" in head else f"{label} (-)"
 

@@ -1,4 +1,4 @@
-"""Common style of all figures: their width, sizes of letters, lines that differ in grey print, and saving."""
+"""Common style of all figures: width, sizes of letters, lines that differ in grey print, and saving."""
 
 from __future__ import annotations
 
@@ -21,10 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PAGE_WIDTH = 6.7
-"""Width of every figure, inches: the text width of an A4 page (17 cm).
-
-A figure is therefore printed without scaling, and its letters have the sizes given here.
-"""
+"""Width of every figure, inches: the text width of an A4 page (17 cm), so that letters are printed in full size."""
 
 SMALL, TEXT, TITLE = 7.0, 8.0, 8.5  #: points: ticks and legends, axis labels and panel titles, the figure's title
 GRID = {"color": "0.88", "linewidth": 0.6}  #: style of grid lines
@@ -35,7 +32,7 @@ _PLAIN_SPAN = 2000.0  # largest ratio of the ends of a logarithmic axis with pla
 _LEAST_SPAN = (
     1e-6  # smallest span of an axis with plain ticks, relative to its values: labels have at most eight digits
 )
-_FEW = 5.0  # ratio of its ends below which a logarithmic axis has fewer than three ticks at 1, 2, 5
+_FEW = 5.0  # a logarithmic axis whose ends have a smaller ratio has fewer than three ticks at 1, 2, 5
 _NOTHING = 1e-9  # largest magnitude that is a rounding error of zero and is not drawn
 _HANDLE = 3.6  # length of a legend's line in letters; shows two periods of the longest dash
 _LEGEND: dict[str, Any] = {"fontsize": SMALL, "frameon": False}
@@ -71,10 +68,7 @@ def new_figure(height: float, title: str) -> Figure:
 
 
 def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> NDArray[Any]:
-    """Divide a figure into axes with standard letter sizes, and return them as an array (rows, columns).
-
-    `options` are those of `Figure.subplots`.
-    """
+    """Divide a figure into axes with standard letter sizes; `options` are those of `Figure.subplots`."""
     axes: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
         ax.tick_params(which="both", labelsize=SMALL)
@@ -134,7 +128,7 @@ def folded(text: str, inches: float, size: float = TEXT) -> str:
 
 
 def legend_below(ax: Any, drop: float = 0.2, columns: int = 1, **options: Any) -> None:
-    """Put a legend below the axes; `drop` is its distance from the axes over the height of the axes, a ratio."""
+    """Put a legend below the axes; `drop` is the distance from axes to legend over the height of the axes, a ratio."""
     anchor = {"loc": "upper center", "bbox_to_anchor": (0.5, -drop)}
     ax.legend(ncols=columns, handlelength=_HANDLE, **anchor, **_LEGEND, **options)
 
@@ -152,10 +146,7 @@ def legend_of_figure(figure: Figure, ax: Any, columns: int = 1, **options: Any) 
 
 
 def plain_ticks(ax: Any, most: int) -> None:
-    """Set at most `most` ticks on the x axis, each with its full number (no offset at the end of the axis).
-
-    If the values differ by less than a millionth, the axis is extended, so that the numbers need few digits.
-    """
+    """Set at most `most` ticks with full numbers on the x axis; a very short axis is extended."""
     low, high = ax.get_xlim()
     short = _LEAST_SPAN * max(abs(low), abs(high)) - (high - low)
     if short > 0.0:
@@ -188,10 +179,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 @contextmanager
 def standard_settings() -> Iterator[None]:
-    """Inside the `with` block, use Matplotlib's default settings.
-
-    A user's matplotlibrc may need LaTeX or fonts that are missing.
-    """
+    """Use Matplotlib's default settings inside the `with` block instead of those in the user's matplotlibrc."""
     with rc_context():
         rcdefaults()
         yield
