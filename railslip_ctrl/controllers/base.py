@@ -254,7 +254,7 @@ class Controller(Record):
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy that assumes the parameters of a `vehicle` where they are None or those of the vehicle `before`."""
+        """Copy with the parameters of a `vehicle` where its own are None or equal those of the vehicle `before`."""
         changed = {}
         for name in _ASSUMED.keys() & type(self).model_fields.keys():
             now, was = _ASSUMED[name](vehicle), None if before is None else _ASSUMED[name](before)
@@ -263,11 +263,11 @@ class Controller(Record):
         return self.model_copy(update=changed) if changed else self
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """Linear system from slip error, m/s, to torque, N*m, at an operating point; None if it is not linear."""
+        """Linear system from slip error, m/s, to torque, N*m, at an operating point; None if there is none."""
         return None
 
     def loop(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """Exact loop at an operating point with an `actuator`; None if the result of `linear` determines it."""
+        """Exact loop at an operating point with an `actuator`; None if it is computed from the result of `linear`."""
         return None
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float | None:
@@ -288,7 +288,7 @@ class Controller(Record):
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]
     ) -> tuple[Any, Any] | None:
-        """Stability and Ms (inf if unstable) of n sampled loops; None if the result of `linear` determines them.
+        """Stability and Ms (inf if unstable) of n sampled loops; None if they are computed from the result of `linear`.
 
         - points, brakes: operating points and actuators.
         - case: two index arrays, (n,) each: loop i has operating point case[0][i] and actuator case[1][i].
@@ -296,7 +296,7 @@ class Controller(Record):
         return None
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """Sampled loop at an operating point with an `actuator`; None if the result of `linear` determines it."""
+        """Sampled loop at an operating point with an `actuator`; None if it is computed from the result of `linear`."""
         return None
 
     def assuming(self, law: AdhesionLaw) -> Self:
@@ -305,7 +305,7 @@ class Controller(Record):
 
     @classmethod
     def outside_functions(cls, model: type[AdhesionLaw] | None) -> Mapping[str, Callable[..., Any]]:
-        """Python functions, by name, that replace those marked `outside`, with those of the adhesion law `model`."""
+        """Python functions, by name, that replace those marked `outside`; `model` is the assumed adhesion law."""
         return {}
 
     def outside_numbers(self, situation: Situation) -> Mapping[str, Any]:
@@ -381,7 +381,7 @@ class Controller(Record):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Make the controller from the keys `content` of the file at `path`; `initial_speed` is v0 of its law, m/s."""
+        """Make the controller from `content`, the keys of the file `path`; `initial_speed`, m/s, is that of the run."""
         return validated(cls, content, file_name(path))
 
     def file_keys(self) -> dict[str, Any]:
