@@ -263,7 +263,7 @@ class Controller(Record):
         return self.model_copy(update=changed) if changed else self
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """Linear system from slip error, m/s, to torque, N*m, at an operating point; None if there is none."""
+        """Linear system from slip error (m/s) to torque (N*m) at a `point`; None if the controller is not linear."""
         return None
 
     def loop(self, point: OperatingPoint, actuator: Actuator) -> Any:

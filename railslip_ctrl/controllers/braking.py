@@ -14,7 +14,7 @@ from .pi import pi_control
 from .sampled import Rule, run_period
 from .systems import PolynomialController, StateSpaceController, linear_controller
 
-SURE_SHARE = 0.8  #: initial torque over the brake torque at the least adhesion; 20 % are a margin for the random force
+SURE_SHARE = 0.8  #: initial torque over the brake torque at the least adhesion; 20 % is a margin for the random force
 
 
 def linear_control(system: Any, **fields: Any) -> LinearControl:
@@ -46,8 +46,8 @@ def braking_control(
 ) -> LinearControl:
     """Return a linear system as a controller whose torque is limited to the range from 0 to the full brake.
 
-    The initial torque is `SURE_SHARE` of the smallest brake torque at the operating points `points`. The controller
-    also commands it below `hand_over_kmh`, km/h, without slip control.
+    The initial torque is `SURE_SHARE` of the smallest brake torque at the operating points `points`. Below
+    `hand_over_kmh`, km/h, the controller commands this torque without slip control.
     """
     sure = SURE_SHARE * min(point.brake_torque for point in points)
     vehicle = points[0].vehicle

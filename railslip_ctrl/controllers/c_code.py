@@ -76,7 +76,7 @@ def c_program(
 
     - control, vehicle: controller, and the vehicle that it assumes where it sets no values itself.
     - name: name of the two files, without ending; by default the controller's label.
-    - rail: rail of the default reference slip.
+    - rail: the default reference slip is that for this rail.
     - notes: lines for the comment at the top of the header.
 
     InputError if the controller is a user's Python object or function, or if a required adhesion law or reference slip

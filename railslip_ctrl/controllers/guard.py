@@ -80,8 +80,7 @@ class Guard(Record):
     def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
         """Return the guard of a controller; `period` is the sampling period, s.
 
-        Without a torque limit of the controller, the lower limit is 0 and the upper limit the vehicle's full brake
-        torque.
+        If the controller has no torque limit, the lower limit is 0 and the upper limit the vehicle's full brake torque.
         """
         least, most = control.least_torque, control.largest_torque
         radius = getattr(control, "radius", None)
@@ -156,7 +155,7 @@ class ControlUnit:
 
     - control, vehicle: controller, and the vehicle that it assumes where it sets no values itself.
     - speed: train speed when the brake is applied, m/s.
-    - rail: rail of the reference slip.
+    - rail: the reference slip is that for this rail.
 
     InputError if the controller is a user's Python object or function, or for a parameter that `Guard` does not allow.
     """

@@ -28,7 +28,8 @@ TRACKING_TIME = 2.0  #: s, of the anti-windup; from 1 to 5 s the braking distanc
 def full_brake_torque(vehicle: Vehicle) -> float:
     """Return the full brake torque of a vehicle, N*m, the default upper limit of commands.
 
-    It is `TORQUE_LIMIT` scaled in proportion to wheel radius times wheel load, the larger of present and loaded.
+    It is `TORQUE_LIMIT` scaled in proportion to wheel load times wheel radius. The wheel load is the larger one of the
+    present and the loaded vehicle.
     """
     return TORQUE_LIMIT * adhesion_share(vehicle, max(vehicle.wheel_load, vehicle.wheel_load_loaded))
 
@@ -190,7 +191,10 @@ class TransferFunction(SystemControl):
         ]
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
-        """Return a transfer function with coefficients `values` by name, 0 if missing, and new values of `others`."""
+        """Return a transfer function with the coefficients `values`, by the names of `design_numbers`.
+
+        Coefficients that are not in `values` are 0. `others` are new values of other fields.
+        """
         powers: dict[str, dict[int, float]] = {"b": {}, "a": {}}
         for name, value in values.items():
             letter, power = name[:1], name[1:]

@@ -84,7 +84,7 @@ class PID(PILead):
 
 
 def pi_control(design: PIController, kind: type[PI] | None = None, **fields: Any) -> PI:
-    """Return a PI design as a controller of a `kind`, by default `PI` or, with a lead, `PILead`."""
+    """Return a PI design as a controller of class `kind`, by default `PILead` for a design with a lead, else `PI`."""
     kind = kind or (PILead if design.lead > 0 else PI)
     times = {"lead": design.lead, "lead_filter": design.lead_filter}
     return kind(kp=design.gains.kp, ki=design.gains.ki, **times, **fields)

@@ -117,7 +117,7 @@ class Predictive(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Observe, predict, then hold the reference slip, or the torque after the hand-over."""
+        """Return the torque, N*m, that tracks the reference slip, or at low speed a share of the mean torque."""
         v, omega, applied = measurement.train_speed, measurement.wheel_speed, measurement.applied_torque
         if not math.isfinite(applied):
             return state.torque_ahead
@@ -224,10 +224,11 @@ class Predictive(Controller):
     def loop(self, point: OperatingPoint, actuator: Actuator | None = None) -> DelayedLoop:
         """Exact loop in the boundary layer, broken at the acting torque; the reference is the point's slip.
 
-        The speed is frozen. With g = k + K/phi, E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the
-        deceleration, G and A from the acting torque to sigma and v', lambda the slip ratio: L = E J/r [(1 + kappa/g +
-        kappa theta) (s Q G + ((1 - lambda) Qa - Q) A) + kappa G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g
-        + kappa theta) Q E]. This is the limit of a short sampling period; `loop_as_run` is the sampled loop.
+        The train speed is constant. The symbols are g = k + K/phi, E = exp(-theta s), the filters Q = 1/(tau_o s + 1)
+        of the observer and Qa of the deceleration, the transfer functions G and A from the acting torque to sigma and
+        v', and the slip ratio lambda: L = E J/r [(1 + kappa/g + kappa theta) (s Q G + ((1 - lambda) Qa - Q) A) + kappa
+        G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g + kappa theta) Q E]. This is the limit of a short
+        sampling period; `loop_as_run` is the sampled loop.
 
         - point: operating point of wheel and rail.
         - actuator: the brake, s; by default the assumed brake.
@@ -259,7 +260,7 @@ class Predictive(Controller):
 
 
 def _blocks(point: OperatingPoint, law: Predictive) -> tuple[Floats, Floats, Floats]:
-    """Return numerator, and undelayed and delayed polynomials of the denominator, of the loop without the brake."""
+    """Return the numerator of the loop without the brake, and its denominator without and with the dead time."""
     assert law.dead_time is not None, "filled in by `believing`"
     assert law.lag is not None, "as above"
     assert law.wheel_inertia is not None, "as above"
@@ -302,7 +303,7 @@ def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
 
 
 def actuator_model(x: Any, p: Any, applied: float) -> None:
-    """Update the acting torque ahead of the dead time, from the command that the brake took, and its history."""
+    """Update the modelled torque before the dead time, and its history, from the torque that was applied."""
     k, ring = int(x.samples), len(x.history)
     if k > 0:
         x.torque_ahead += (1.0 - math.exp(-p.period / p.lag) if p.lag > 0.0 else 1.0) * (applied - x.torque_ahead)

@@ -33,7 +33,7 @@ from .systems import (
     linear_controller,
 )
 
-_SLOWEST = 1e-9  # zeros and poles with a magnitude below this, relative to 1/h, count as 0
+_SLOWEST = 1e-9  # zeros and poles with a magnitude below this, relative to 1/h, are treated as 0
 _LEAST_RATIO = 1.01  # smallest ratio of rates at which a pole is moved; rounding splits double poles by 1e-8
 # `sampled_peak`: smallest magnitude of poles that cause a peak; lowest frequency relative to the slowest feature;
 # points of the grid; points of a refinement; number of refinements
@@ -344,7 +344,10 @@ def sampled_loop(
 
 
 def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
-    """Return the loop at the controller's sampling period; None without one, or above `MOST_PERIODS` of dead time."""
+    """Return the sampled loop of a controller at its sampling period.
+
+    None if the controller has no sampling period, or if the dead time has more than `MOST_PERIODS` periods.
+    """
     if isinstance(controller, Controller) and (own := controller.loop_as_run(plant.point, actuator)) is not None:
         return own
     sampled = getattr(controller, "as_run", None)

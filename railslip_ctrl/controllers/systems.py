@@ -116,6 +116,7 @@ class PolynomialController(_System):
 
     @cached_property
     def transfer_function(self) -> Rational:
+        """C(s), or C(z), in factored form."""
         return Rational.from_polynomials(self.num, self.den)
 
 
@@ -137,6 +138,7 @@ class StateSpaceController(_System):
 
     @cached_property
     def transfer_function(self) -> Rational:
+        """C(s), or C(z), in factored form."""
         order = len(self.a)
         if any(len(part) != order for part in (*self.a, self.b, self.c)):
             shape = f"{order} by {max(map(len, self.a), default=0)}, {len(self.b)} and {len(self.c)}"
@@ -337,9 +339,9 @@ def wheel_slip_loop(plant: LinearPlant | OperatingPoint, controller: Any, actuat
       `linear_controller` accepts, or a `Controller` that computes its loop itself (method `loop`).
     - actuator: the brake Ga with dead time and lag, s; by default that of the operating point's vehicle.
 
-    Returns the dimensionless loop for unity negative feedback: a `SampledLoop` for a discrete controller, the result of
-    the method `loop`, for example a `DelayedLoop`, if the controller has this method, or else a `DeadTimeLoop`.
-    InputError: an argument of wrong type, or a controller without a transfer function.
+    Returns the dimensionless loop for unity negative feedback: the result of the method `loop`, a `SampledLoop` for a
+    discrete controller, or else a `DeadTimeLoop`. InputError: an argument of wrong type, or a controller without a
+    transfer function.
     """
     if isinstance(plant, OperatingPoint):
         plant = linearize(plant)

@@ -94,8 +94,8 @@ def with_functions(step: Callable[..., Any], functions: Mapping[str, Callable[..
 def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) -> Function:
     """Read the source of a function `step` and of all functions that it calls.
 
-    `roles` are the roles of arguments by name; by default those of the first three are `ROLES`. InputError, with file
-    and line, for code that cannot be translated.
+    `roles` are the roles of arguments by name; by default the first three arguments have the roles `ROLES`. InputError,
+    with file and line, for code that cannot be translated.
     """
     arguments = tuple(inspect.signature(step).parameters)[: len(ROLES)]
     if roles is None and len(arguments) < len(ROLES):
@@ -305,7 +305,7 @@ class Layout:
     first: int
 
     def row(self, values: Mapping[str, Any], state_sizes: Sequence[int]) -> tuple[float, ...]:
-        """Return `_c` from index `first` on, for parameter `values` by name and lengths of the state's arrays."""
+        """Return `_c` from index `first` on, from parameter `values` and `state_sizes`, the lengths of state arrays."""
         arrays = [tuple(map(float, values[name])) for name in self.parameter_arrays]
         index = self.first + len(self.parameters) + 2 * (len(arrays) + len(state_sizes))
         header: list[float] = []
@@ -327,7 +327,10 @@ class Layout:
         return f"{array}[{first + names.index(name)}]" if name in names else None
 
     def array_header(self, role: str, name: str) -> int | None:
-        """Return the index in `_c` of an array's start index, which its length follows; None without an array."""
+        """Return the index in `_c` at which the start index of an array field is stored, followed by its length.
+
+        None if the field is not an array.
+        """
         if role == MEASUREMENT:
             return None
         names = (*self.parameter_arrays, *self.state_arrays)
