@@ -1,6 +1,7 @@
 """The `railslip` command; each subcommand has its own file, which parses the options, calls the package and prints.
 
-Begin with `program`, which has the list of commands.
+Begin with `program`, which has the list of commands. `options` has the options that commands share, `settings` the
+helpers for a command's own options, and `output` the functions that print.
 """
 
 from __future__ import annotations
