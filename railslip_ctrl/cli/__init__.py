@@ -1,8 +1,7 @@
 """The `railslip` command; each subcommand has its own file, which parses the options, calls the package and prints.
 
-This package may import every other one. Begin with `program`, which has the list of commands. `options` has the options
-that commands share and the records built from them, `settings` the helpers for a command's own options, and `output`
-the functions that print.
+Begin with `program`, which has the list of commands. `options` has the options that commands share, `settings` the
+helpers for a command's own options, and `output` the functions that print.
 """
 
 from __future__ import annotations
@@ -30,12 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _ignore_user_settings() -> None:
-    """Make this process, and its children, independent of the user's settings for plots, warnings and streams.
-
-    A stream that the shell has closed (>&-) is None in Python, and the next opened file would get its descriptor. Such
-    a stream is replaced by the null device.
-    """
     os.environ["MPLBACKEND"] = "agg"  # Matplotlib reads it on import; Jupyter's choice may not be installed here
+    # a stream that the shell has closed (>&-) is None in Python, and the next opened file would get its descriptor
     sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115  # these streams stay open until the process ends
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115

@@ -136,7 +136,6 @@ def _show_rare(result: RareEvent | ConfidenceLevels, out: Path, scenario: str, *
 
 
 def _scenario_from(campaign_file: Path, out: Path) -> str:
-    """Return the name of a campaign file's scenario; if it is a file, its path relative to the folder `out`."""
     named = str(read_toml(campaign_file)["scenario"])
     return os.path.relpath(campaign_file.parent / named, out) if named.lower().endswith(".toml") else named
 
@@ -159,7 +158,6 @@ def _replay(campaign: Campaign, number: int, out: Path, *, internal: bool, as_js
 
 
 def _write_csv(run: Run, path: Path, *, internal: bool) -> None:
-    """Write the time series of a run in SI with all digits; NaN becomes an empty cell."""
     assert run.signals is not None, "a replay records them"
     own = run.controller_signals.items() if internal else ()
     columns = {**run.signals._asdict(), **{f"controller_{name}": values for name, values in own}}
@@ -179,7 +177,6 @@ def _drawings(summary: CampaignSummary) -> Drawings:
 
 @contextmanager
 def _bar(runs: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on standard error; yield a function that advances it by a number of runs."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -108,7 +108,6 @@ def _choice(option: str, value: str, allowed: Sequence[str]) -> Any:
 
 
 def _check_out(out: Path, form: str) -> None:
-    """Raise InputError if the file cannot be written, or if a C file does not end in .c."""
     if out.name == "" or out.is_dir():
         raise InputError(f"--out: {str(out)!r} is a folder; give the path of a file")
     if form == "c" and out.suffix != ".c":
@@ -119,7 +118,6 @@ def _check_out(out: Path, form: str) -> None:
 def _derived(
     reference: Reference, adhesion: str | None, law: AdhesionLaw | None, file: Path | None
 ) -> tuple[Derivation, LawCode, tuple[LawNumbers, ...]]:
-    """Return the derivation, the code of the law, and the law with the numbers of the adhesion `file`, if given."""
     derivation = derive(reference=reference, law=adhesion)
     numbers = () if law is None else law_numbers(derivation, law)
     code = generate(derivation)
@@ -139,7 +137,6 @@ def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, f
 
 
 def _check_predictive(reference: str, adhesion: str | None, initial_speed: float | None, form: str) -> None:
-    """Raise InputError if an option is given that is only for the published law."""
     if reference != "proportional":
         raise InputError(
             f"--reference: {reference!r} is only for --law published, because the predictive law tracks a slip ratio; "
@@ -154,7 +151,6 @@ def _check_predictive(reference: str, adhesion: str | None, initial_speed: float
 
 
 def _predictive_program(name: str) -> CProgram:
-    """Return the predictive law of the published vehicle as C; `railslip tune` writes it for other vehicles."""
     return c_program(Predictive.for_vehicle(PARK2008), PARK2008, name=name)
 
 
@@ -170,10 +166,6 @@ def _predictive_text(form: str) -> str:
 
 
 def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None, AdhesionLaw | None, Path | None]:
-    """Return the name of the adhesion law. If `adhesion` is a file, also return the law with its numbers, and the path.
-
-    `initial_speed` is v0 of the law, km/h.
-    """
     if adhesion is not None and adhesion.lower().endswith(".toml"):
         v0 = INITIAL_SPEED_KMH if initial_speed is None else initial_speed
         file = Path(adhesion)

@@ -244,7 +244,6 @@ def _bounds(name: str, text: str) -> tuple[float, float]:
 
 @contextmanager
 def _bar(logs: tuple[Path, ...], as_json: bool) -> Iterator[Callable[[float], None] | None]:
-    """Show a progress bar on standard error while large logs are read."""
     if sum(path.stat().st_size for path in logs if path.is_file()) < _BAR_FROM_BYTES:
         yield None
         return
@@ -267,11 +266,7 @@ def _warn(result: Identification | LogSeries) -> None:
             progress(options_named(f"warning: {warning}"))
 
 
-# --- files ---------------------------------------------------------------------------------------------------------
-
-
 def _model_names(count: int) -> list[str]:
-    """Return the file name of the model of each of `count` logs."""
     return ["model.toml"] if count == 1 else [f"model-{i + 1}.toml" for i in range(count)]
 
 

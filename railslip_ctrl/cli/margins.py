@@ -56,9 +56,9 @@ def command(
 ) -> None:
     """Compute stability margins with the exact dead time at operating points, or a verdict over an envelope.
 
-    The controller is a PI, any linear controller or the seeking controller; with a discrete controller the loop is
-    computed as a sampled loop. A controller from a file is judged at its own reference slip, or at --slip if given.
-    Exit status 1 if a loop is unstable, 2 for bad input.
+    The controller is linear, predictive or seeking; with a discrete controller the loop is computed as a sampled loop.
+    A controller from a file is judged at its own reference slip, or at --slip if given. Exit status 1 if a loop is
+    unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
@@ -111,7 +111,7 @@ def command(
 def given_controller(
     text: str, point: OperatingPoint, gains: PIGains | None, reference: ReferenceSlip | None = None
 ) -> Any:
-    """Return the controller that `text`, the value of --controller, names, for the vehicle of an operating point.
+    """Return the controller that `text`, the value of --controller, names.
 
     A controller without a reference slip gets `reference`. If that is None, it gets the reference slip of the adhesion
     law, or else the slip of the operating point.

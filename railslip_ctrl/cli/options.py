@@ -56,10 +56,7 @@ _SCENARIO, _LAW = "from the scenario", "LAW|FILE.toml|FILE.py"
 
 
 class Number(click.ParamType[float]):
-    """Type of an option: a finite number in `unit`, or a number with another unit of the same dimension.
-
-    The number must be > `gt`, >= `ge` and < `lt`, as far as these bounds are given.
-    """
+    """Type of an option: a finite number in `unit`, or with another unit of the same dimension, within bounds."""
 
     name = "number"
 
@@ -67,7 +64,6 @@ class Number(click.ParamType[float]):
         self.unit, self.gt, self.ge, self.lt = unit, gt, ge, lt
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number in `unit`; raise InputError, with option, value and bound, if it is not allowed."""
         option = param.opts[0] if param is not None else ""
         number = sized(option, to_unit(value, self.unit, name=option))
         for holds, sign, bound in (
@@ -95,8 +91,8 @@ SLIP = Number("1", gt=0, lt=1)
 class CaseOptions:
     """Values of the options that commands share: a vehicle, and its operating points or its braking run.
 
-    Speeds in km/h, masses in kg, times in s. An option that was not given is None or empty. Only `adhesion` and
-    `initial_speed` then have default values; in a braking run the scenario's values replace these defaults.
+    Speeds in km/h, masses in kg, times in s. Options that were not given are None or empty, except `adhesion` and
+    `initial_speed`, whose default values are not used in a braking run.
     """
 
     adhesion: str
@@ -135,7 +131,6 @@ class CaseOptions:
         return otherwise if self.vehicle is None else from_file("--vehicle", self.vehicle, load_vehicle)
 
     def _changed(self, vehicle: Vehicle) -> Vehicle:
-        """Return the vehicle with the options for inertia scale and actuator applied."""
         update: dict[str, object] = {}
         if self.inertia_scale is not None:
             update["inertia_scale"] = self.inertia_scale
@@ -145,17 +140,12 @@ class CaseOptions:
         return vehicle.model_copy(update=update)
 
     def name_points(self) -> bool:
-        """Return True if an option that selects operating points is given."""
         return bool(self.rails or self.speeds or self.masses or self.loaded or self.slip is not None) or _is_given(
             "adhesion"
         )
 
     def envelope(self, given: str = DEFAULT_ENVELOPE) -> Envelope:
-        """Return the envelope named by `given`, narrowed by the other options.
-
-        `given` is a file or "default". The latter is the envelope of the vehicle's file, or the default envelope if the
-        file has none.
-        """
+        """Return the envelope `given`, a file or "default", narrowed by the other options."""
         if self.masses:
             raise InputError(
                 "--mass has no effect with an envelope, whose loads need both mass and wheel load; give --loaded, or "
@@ -183,7 +173,6 @@ class CaseOptions:
         return envelope
 
     def law(self, rail: Rail) -> AdhesionLaw:
-        """Return the adhesion law of the options on a rail, at the vehicle's wheel load."""
         load = self.chosen_vehicle.wheel_load
         if not is_file(self.adhesion):
             return published_law(self.adhesion, rail, self.initial_speed, load)
@@ -191,7 +180,6 @@ class CaseOptions:
         return law_from_file(Path(self.adhesion), self.initial_speed, load, assumed=assumed).on(rail)
 
     def _takes_initial_speed(self, speed: float) -> bool:
-        """Return True if the adhesion law of the options has parameters for the initial speed `speed`, km/h."""
         path = Path(self.adhesion)
         try:
             if not is_file(self.adhesion):
@@ -232,16 +220,12 @@ class CaseOptions:
         return points
 
     def chosen_rails(self) -> tuple[Rail, ...]:
-        """Return the rail conditions given, each once and in the order given; both if none is given."""
         for rail in self.rails:
             if rail.lower() not in tuple(Rail):
                 raise InputError(f"--rail: {rail!r} is not a rail condition; choose dry or wet")
         return tuple(dict.fromkeys(Rail(rail.lower()) for rail in self.rails)) or tuple(Rail)
 
-    # --- a braking run ----------------------------------------------------------------------------------------------
-
     def run_scenario(self) -> Scenario:
-        """Return the scenario with the options applied; print the assumptions about the scenario's vehicle."""
         scenario = naming("--scenario", lambda: load_scenario(self.scenario))
         vehicle = self._run_vehicle(scenario.vehicle)
         print_remarks(vehicle)
@@ -285,7 +269,6 @@ class CaseOptions:
         return self.initial_speed * KMH if _is_given("initial_speed") else start
 
     def _check_run(self, scenario: Scenario) -> None:
-        """Raise InputError, with the option's name, for a value that the scenario would reject."""
         if self.step is not None and self.step > LARGEST_STEP:
             raise InputError(f"--step: {self.step:g} s is not allowed; give a value <= {LARGEST_STEP:g} s")
         if self.speeds and not self.speeds[0] * KMH > scenario.final_speed:
@@ -295,7 +278,6 @@ class CaseOptions:
             )
 
     def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
-        """Return the adhesion law of a run; an error about `v0` (m/s) names the option that set v0."""
         if is_file(name):
             return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
         try:
@@ -311,7 +293,6 @@ class CaseOptions:
             ) from None
 
     def _run_vehicle(self, own: Vehicle) -> Vehicle:
-        """Return the vehicle of the file, or of the scenario (`own`), with the options applied."""
         vehicle = self._own_vehicle(own)
         if vehicle.inertia_scale != own.inertia_scale and self.inertia_scale is None:
             progress(
@@ -345,21 +326,18 @@ def number_option(
     lt: float | None = None,
     **kind: Any,
 ) -> Option:
-    """Return an `option` whose value is a `Number`; in its help, the unit in capitals, or X, stands for the value."""
+    """Return an `option` whose value is a `Number`."""
     metavar = {"1": "X", "km/h": "KMH"}.get(unit) or (unit.upper() if unit.isalpha() else "X")
     return option(name, metavar, text, default_text, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
 
 
 def case_options(*, speeds: bool = True, masses: bool = False, run: bool = False, over: bool = False) -> Option:
-    """Return a decorator that adds the options for vehicle and operating points to a command.
+    """Return a decorator that adds the options for vehicle and operating points to a command, as one argument `cases`.
 
-    The command gets the values of these options as one argument `cases`, a `CaseOptions`.
-
-    - speeds: if true, there is an option --speed; false for a command about whole stops.
-    - masses: if true, --mass may be repeated; each mass is combined with every rail and speed.
-    - run: if true, the options are for one braking run; values that are not given come from its scenario.
-    - over: if true, the options are for an envelope; values that are not given come from the envelope, and there is no
-      option --mass.
+    - speeds: whether there is an option --speed; False for a command about whole stops.
+    - masses: whether --mass may be repeated.
+    - run: whether the options are for one braking run; values that are not given come from its scenario.
+    - over: whether the options are for an envelope; values that are not given come from the envelope.
     """
 
     def collected(function: Callable[..., Any]) -> Any:
@@ -541,7 +519,6 @@ def warn(message: str) -> None:
 
 
 def _is_given(option: str) -> bool:
-    """Return True if the current command line has the option."""
     return click.get_current_context().get_parameter_source(option) is ParameterSource.COMMANDLINE
 
 
@@ -562,14 +539,11 @@ def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
     return None if kp is None or ki is None else PIGains(kp=kp, ki=ki)
 
 
-# --- controllers ------------------------------------------------------------------------------------------------------
-
-
 _TITLES_BY_RULE = "; ".join(f"{name} ({kind.title})" for name, kind in BY_RULE.items())
 
 
 def controller_option(default_text: str, **kind: Any) -> Option:
-    """Return the option --controller, the same in every command; the help shows `default_text` as its default."""
+    """Return the option --controller of every command; the help shows `default_text` as its default."""
     text = (
         f"Controller: pi or asmc of Park et al., Table 4; pi-lead or scheduled of this project; {_TITLES_BY_RULE}; "
         "a file with a controller's parameters; or a Python file with your own controller (the file is run)."
@@ -578,10 +552,9 @@ def controller_option(default_text: str, **kind: Any) -> Option:
 
 
 def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip | None, law_speed: float) -> Controller:
-    """Load a controller file for a braking run of a vehicle; error messages begin with the option's name.
+    """Load a controller file for a vehicle; error messages begin with the option's name.
 
-    `reference` replaces a reference slip that the file does not have. `law_speed` is v0, m/s, for a controller whose
-    own adhesion law depends on v0.
+    `reference` replaces a missing reference slip, and `law_speed` is v0, m/s, of the controller's own adhesion law.
     """
     from railslip_ctrl.controllers.files import as_control, load_controller
 
@@ -591,7 +564,7 @@ def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip |
 
 
 def controller_name(text: str) -> str:
-    """Return a controller name in its standard form; the InputError for an unknown name suggests a similar one."""
+    """Return a controller name in its standard form; the message for an unknown name suggests another."""
     name = text.strip().lower().replace("_", "-")
     if name not in NAMES:
         raise InputError(

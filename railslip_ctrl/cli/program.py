@@ -46,11 +46,7 @@ class _LazyGroup(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; an interruption or a broken pipe ends it without a message from Click.
-
-        Click alone would print an empty line when interrupted, and exit with 1 on a broken pipe.
-        """
-        try:
+        try:  # Click would print an empty line when interrupted, and exit with 1 on a broken pipe
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise click.Abort from None
@@ -60,7 +56,6 @@ class _LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command; InputError if it is unknown, or if an option that takes one value is given twice."""
         if args[0] not in _COMMANDS and not ctx.resilient_parsing:
             from railslip_ctrl.core.units import shown
             from railslip_ctrl.core.user_files import close_match
@@ -73,7 +68,6 @@ class _LazyGroup(click.Group):
         return name, command, rest
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return the matching commands, then the options; no command is imported, which would delay the shell."""
         commands = [CompletionItem(name, help=text) for name, text in _COMMANDS.items() if name.startswith(incomplete)]
         return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
@@ -83,7 +77,7 @@ class _LazyGroup(click.Group):
 
 
 def _check_repeated(ctx: click.Context, command: click.Command, arguments: Sequence[str]) -> None:
-    """Raise InputError if an option that takes one value is given twice; Click would silently use the last value."""
+    # Click would silently use the last value of an option that takes one value
     parser = command.make_parser(click.Context(command, parent=ctx))  # the parent has the names of the help option
     given = parser.parse_args(list(arguments))[2]
     for option in dict.fromkeys(given):
@@ -139,9 +133,8 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _end_without_reader() -> NoReturn:
-    """Exit with the status of SIGPIPE, because the reader of the output (head, less) has closed the pipe."""
     sys.stdout = None  # otherwise Python would flush the rest at exit
-    sys.exit(141)
+    sys.exit(141)  # the status of SIGPIPE: the reader of the output (head, less) has closed the pipe
 
 
 # Quantities with the name of an option, at the beginning of a message of the package.

@@ -149,8 +149,6 @@ def command(
 
 
 def _draw(design: DesignReport, pictures: Pictures, note: Callable[[str], None]) -> None:
-    """Draw the missing pictures as PNG and SVG, and add them to `pictures`."""
-
     def drawings() -> Drawings:
         from railslip_ctrl.report.plots.designs import report_drawings
 
@@ -164,11 +162,6 @@ def _draw(design: DesignReport, pictures: Pictures, note: Callable[[str], None])
 def _made(
     design: DesignReport, pictures: Pictures, whole: bool, command: str, rest: str, again: str
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
-    """Return the files by name, the content of report.json, and a function that returns the text of the report.
-
-    The function wraps the text to the current width. `whole`: report.html is also made. `command`: command line that
-    made the report; `rest` and `again`: last sentences of the text.
-    """
     first = first_page(design)
     files = pictures.files()
     if design.control is not None:
@@ -184,7 +177,6 @@ def _made(
 
 
 def _again(cases: CaseOptions, design: DesignReport, out: Path) -> str:
-    """Return a sentence with the command that repeats the first stop of the page exactly; empty if there is no stop."""
     if not design.stops:
         return ""
     stop = design.longest_stops[0]

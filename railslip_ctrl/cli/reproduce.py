@@ -77,7 +77,6 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
 def _write_page(
     out: Path, written: Sequence[Path], comparison: tables.Table5, facts: Sequence[tables.Fact], command: str
 ) -> int:
-    """Write the page and its figures; return the number of files, including those already `written`."""
     from railslip_ctrl.core.folders import cached
     from railslip_ctrl.design.schedule import plant_at
     from railslip_ctrl.paper.errata import errata

@@ -9,19 +9,16 @@ import click
 
 Option = Callable[[Callable[..., Any]], Any]  #: decorator that adds an option to a command
 
+# Every command needs its own settings: Click takes the names of the help option from the first context of a command,
+# and that context may have no parent.
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
-"""`context_settings` of every command.
 
-Every command needs its own settings: Click takes the names of the help option from the first context of a command, and
-that context may have no parent.
-"""
-
+# option of each argument that messages name in backticks; None: the option has the name of the argument
 _ARGUMENTS = {
     **dict.fromkeys(("initial_speed", "model", "rail", "slip", "slip_acceleration", "vehicle")),
     **{"bounds": "bound", "columns": "column", "delays": "delay", "fixed": "fix"},
     **{"time_constant": "tau", "units": "unit", "zeros": "zero"},
 }
-"""Option of each argument that messages name in backticks; None: the option has the same name as the argument."""
 
 
 def options_named(text: str) -> str:

@@ -139,10 +139,6 @@ def _chosen(
     kp: float | None,
     ki: float | None,
 ) -> tuple[Controller, str | None]:
-    """Return the controller that the options select, and the column of [Park2008] Table 4 with its gains.
-
-    The column is None if the gains are not from Table 4. `law_speed` is v0 of the controller's own adhesion law, m/s.
-    """
     vehicle, law = scenario.believed_vehicle, scenario.adhesion
     if options.is_file(controller):
         numbers = {"--gains": gains, "--kp": kp, "--ki": ki, "--slip": slip, "--period": period}

@@ -128,7 +128,6 @@ def _check_out(out: Path | None) -> None:
 
 
 def _write(control: Design | Controller, out: Path, vehicle: Vehicle) -> None:
-    """Write a controller as a file for --controller, or as C99."""
     if out.suffix.lower() == ".c":
         save_c(control, out, vehicle)
     else:
@@ -136,7 +135,6 @@ def _write(control: Design | Controller, out: Path, vehicle: Vehicle) -> None:
 
 
 def _by_rule(ctx: click.Context, design: Design, out: Path | None, as_json: bool) -> NoReturn:
-    """Write and print a controller whose parameters are computed from the vehicle, then exit."""
     try:
         if out is not None and not design.reason:
             _write(design, out, design.judgement.envelope.vehicle)
@@ -158,7 +156,6 @@ def _check_asked(specification: Specification, minimise_ms: bool, ki_min: float 
 def _saved(
     kind: type[PI], controller: PIController, points: list[OperatingPoint], out: Path, period: float | None
 ) -> None:
-    """Write a controller tuned at operating points, and print the worst Ms of its sampled loops."""
     control = braking_control(controller, points, _references(points), name=out.stem, period=period, kind=kind)
     _write(control, out, points[0].vehicle)
     runs = [loop_as_run(linearize(point), control, point.vehicle.actuator) for point in points]
@@ -168,11 +165,7 @@ def _saved(
 
 
 def _references(points: list[OperatingPoint]) -> ReferenceSlip:
-    """Return the reference slip of each rail, which is the slip of the operating points on this rail.
-
-    For a rail without an operating point it is the reference slip of the adhesion law; if the law has none, it is the
-    slip of the operating points on the other rail.
-    """
+    # without an operating point on a rail, the law's reference slip, or else the slip on the other rail
     by_rail = {point.rail: point.slip for point in points}
     other, law = points[0].slip, points[0].law.reference
     dry, wet = (by_rail.get(rail, getattr(law, rail.value, other)) for rail in (Rail.DRY, Rail.WET))

@@ -88,14 +88,10 @@ def command(
 
 
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
-    """Return the adhesion law given by the options.
-
-    A law from a file is for one rail; the law for the other rail is derived from it.
-    """
     rails = cases.chosen_rails()
     if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
-    try:
+    try:  # a file has parameters for one rail, and the law for the other rail is derived from it
         law = cases.law(Rail.DRY)
     except InputError:  # the parameters are for wet rail; a faulty file raises the error again below
         law = cases.law(Rail.WET)
@@ -103,7 +99,6 @@ def _adhesion(cases: CaseOptions) -> RailAdhesion:
 
 
 def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str], ...]:
-    """Return rows for the head of the report: the vehicle if given, and adhesion and reference slips if given."""
     vehicle = cases.chosen_vehicle
     slips = ", ".join(f"{adhesion.reference(rail, vehicle):.4g} {rail}" for rail in adhesion.rails)
     source = f" ({cases.adhesion})" if is_file(cases.adhesion) else ""

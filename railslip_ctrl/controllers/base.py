@@ -1,9 +1,8 @@
 """Base class of all controllers.
 
-A kind of controller is one class, defined by this package or by the user. The fields of the class are the parameters of
-the controller, its record `State` is the memory, and its static method `step` is the control law. From this class the
-package derives the TOML file, the command-line options, the compiled simulation, the C99 program, the label in reports
-and the verdict over an envelope.
+The fields of a controller class are the parameters of the controller, its record `State` is the memory, and its static
+method `step` is the control law. The package derives everything else from this class: the TOML file, the command-line
+options, the compiled simulation and the C99 program.
 """
 
 from __future__ import annotations
@@ -39,13 +38,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LEAST_PERIOD", "PERIOD", "Controller", "DesignNumber", "Measurement", "Situation", "outside"]
 
-PERIOD = 0.01
-"""Default sampling period, s; common in brake control units."""
-
-LEAST_PERIOD = 1e-5
-"""Shortest allowed sampling period, s; a shorter one needs more memory without being more accurate."""
-
-_FIRST = 1  # index of the first parameter in a kernel's row, which begins with the reference slip ratio
+PERIOD = 0.01  #: default sampling period, s; common in brake control units
+LEAST_PERIOD = 1e-5  #: shortest sampling period, s; a shorter one needs more memory and is not more accurate
+_FIRST = 1  # index of the first parameter in the numbers of `Controller.row`, after the reference slip ratio
 
 
 class Measurement(NamedTuple):
@@ -73,6 +68,7 @@ class Situation:
     assumed: AdhesionLaw | None
 
 
+# fields that are assumed vehicle parameters, with functions that compute them for a vehicle
 _ASSUMED: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
     {
         "radius": lambda vehicle: vehicle.wheel.radius,
@@ -86,17 +82,11 @@ _ASSUMED: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
         "nominal_viscous_friction": lambda vehicle: vehicle.wheel.viscous_friction,
     }
 )
-"""For each field that is an assumed vehicle parameter, a function that returns its value for a vehicle."""
 
-
+# fields that a user does not tune
 _NOT_TUNED = {*_ASSUMED, "period", "tracking_time", "torque_min", "torque_max"} | {
     *("initial_torque", "hand_over_torque", "hand_over_speed")
 }
-"""Fields that a user does not tune.
-
-These are the assumed vehicle parameters, the sampling period, the tracking time of the anti-windup, the torque limits,
-the initial torque, and speed and torque of the hand-over.
-"""
 
 
 class DesignNumber(NamedTuple):
@@ -150,8 +140,6 @@ class Controller(Record):
             raise InputError(f"torque_max: {most:g} is not allowed; give a value > torque_min = {least:g} (N*m)")
         return self
 
-    # --- the algorithm ---
-
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> float:
         """Compute the torque to command until the next sample, N*m, and update `state`.
@@ -176,20 +164,12 @@ class Controller(Record):
         }
 
     def start(self, speed: float, period: float) -> Any:
-        """Initial state of the controller, when the brake is applied at a train speed, m/s.
-
-        `period` is the sampling period, s.
-        """
+        """Initial state when the brake is applied at a train `speed`, m/s; `period` is the sampling period, s."""
         return self.State()
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
-        """Values, SI, of the parameters that `step` reads in a `situation`, by name.
-
-        Sampling period and reference slip are not included.
-        """
+        """Parameters, SI, that `step` reads in a `situation`, by name; without sampling period and reference slip."""
         return {name: getattr(self, name) for name in self.parameter_fields()}
-
-    # --- description ---
 
     @property
     def label(self) -> str:
@@ -231,10 +211,7 @@ class Controller(Record):
 
     @property
     def controlled_from(self) -> float:
-        """Train speed, m/s, below which the controller commands a torque without slip control.
-
-        0 if the controller controls the slip at all speeds.
-        """
+        """Train speed, m/s, below which the slip is not controlled; 0 if it is controlled at all speeds."""
         return float(getattr(self, "hand_over_speed", 0.0))
 
     def headline(self) -> str:
@@ -245,14 +222,8 @@ class Controller(Record):
         """Description, in words, of the torque that the controller commands below the speed `controlled_from`."""
         return f"{getattr(self, 'hand_over_torque', 0.0):.4g} N·m"
 
-    # --- design ---
-
     def design_numbers(self) -> list[DesignNumber]:
-        """Parameters that a user tunes.
-
-        First come kp and ki, then the other fields that the class itself defines, then inherited fields. The fields in
-        `_NOT_TUNED` are left out.
-        """
+        """Parameters that a user tunes: first kp and ki, then the fields of the class itself, then inherited fields."""
         inherited = {name for base in type(self).__mro__[1:] for name in getattr(base, "model_fields", ())}
         shaped = [n for n in self.units() if n not in _NOT_TUNED and isinstance(getattr(self, n), float)]
         numbers = []
@@ -264,12 +235,10 @@ class Controller(Record):
         return numbers
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
-        """Copy of the controller with some design numbers changed.
+        """Copy of the controller with new design numbers.
 
-        - values: new design numbers by name, in the units of `design_numbers`.
-        - others: new values of other fields.
-
-        InputError for a value that the class does not allow.
+        `values` are the new design numbers by name, in the units of `design_numbers`, and `others` new values of other
+        fields. InputError for a value that the class does not allow.
         """
         try:
             return type(self)(**{**dict(self), **values, **others})
@@ -278,17 +247,14 @@ class Controller(Record):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Make the controller for a vehicle: the class computes the parameters that are not `given` by its own rule.
+        """Make the controller for a vehicle; the class computes the parameters that are not `given`.
 
-        InfeasibleDesignError, with the reason, if the class cannot compute its parameters for the vehicle.
+        InfeasibleDesignError, with the reason, if the class cannot compute them.
         """
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy whose assumed vehicle parameters are replaced by those of a `vehicle`.
-
-        A parameter is replaced only if it is None or has the value of the vehicle `before`; other values are kept.
-        """
+        """Copy with the parameters of a `vehicle` where its own are None or equal those of the vehicle `before`."""
         changed = {}
         for name in _ASSUMED.keys() & type(self).model_fields.keys():
             now, was = _ASSUMED[name](vehicle), None if before is None else _ASSUMED[name](before)
@@ -297,17 +263,11 @@ class Controller(Record):
         return self.model_copy(update=changed) if changed else self
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """Linear system from slip error (m/s) to torque (N*m) at an operating point.
-
-        None if the controller is not linear.
-        """
+        """Linear system from slip error (m/s) to torque (N*m) at a `point`; None if the controller is not linear."""
         return None
 
     def loop(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """Exact loop at an operating point with an `actuator`.
-
-        None if the loop is to be computed from the linear system that the method `linear` returns.
-        """
+        """Exact loop at an operating point with an `actuator`; None if it is computed from the result of `linear`."""
         return None
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float | None:
@@ -322,47 +282,30 @@ class Controller(Record):
         return (self.model_dump_json(),)
 
     def speeds_to_judge(self) -> tuple[float, ...]:
-        """Train speeds, m/s, at which the control law changes.
-
-        Stability and margins are computed at these speeds in addition to the speeds of the envelope.
-        """
+        """Train speeds, m/s, at which margins are computed in addition to the speeds of the envelope."""
         return ()
 
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]
     ) -> tuple[Any, Any] | None:
-        """Stability and Ms of n sampled loops; Ms is inf for an unstable loop.
+        """Stability and Ms (inf if unstable) of n sampled loops; None if they are computed from the result of `linear`.
 
         - points, brakes: operating points and actuators.
         - case: two index arrays, (n,) each: loop i has operating point case[0][i] and actuator case[1][i].
-
-        None if the loops are to be computed from the linear system that the method `linear` returns.
         """
         return None
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """Sampled loop at an operating point with an `actuator`.
-
-        None if the loop is to be computed from the linear system that the method `linear` returns.
-        """
+        """Sampled loop at an operating point with an `actuator`; None if it is computed from the result of `linear`."""
         return None
 
-    # --- functions and numbers outside the step ---
-
     def assuming(self, law: AdhesionLaw) -> Self:
-        """Copy that assumes the adhesion `law`.
-
-        A controller that needs no adhesion law, or that sets one itself, is returned unchanged.
-        """
+        """Copy that assumes the adhesion `law`; unchanged if the controller needs no law or sets its own."""
         return self
 
     @classmethod
     def outside_functions(cls, model: type[AdhesionLaw] | None) -> Mapping[str, Callable[..., Any]]:
-        """Python functions, by name, that `step` calls instead of the functions marked as `outside` in its module.
-
-        If `model`, the assumed adhesion law, is not None, the functions of this law are included. In the compiled
-        simulation, `outside_text` defines the functions that are not included here.
-        """
+        """Python functions, by name, that replace those marked `outside`; `model` is the assumed adhesion law."""
         return {}
 
     def outside_numbers(self, situation: Situation) -> Mapping[str, Any]:
@@ -377,18 +320,13 @@ class Controller(Record):
 
     @classmethod
     def described_in(cls) -> tuple[type, ...]:
-        """Classes whose fields give meaning, unit and bounds of states and parameters.
-
-        If several classes have a field of the same name, the first class counts.
-        """
+        """Classes that describe states and parameters; the first class that has a field describes it."""
         return tuple(owner for owner in (getattr(cls, "State", None), cls.Parameters, cls) if owner is not None)
 
     @property
     def cautions(self) -> tuple[str, ...]:
         """Lines for the first comment of the C program: assumptions, and required conditions that are not met."""
         return ()
-
-    # --- a braking run ---
 
     @property
     def model_law(self) -> AdhesionLaw | None:
@@ -402,10 +340,7 @@ class Controller(Record):
 
     @classmethod
     def outside_text(cls, model: type[AdhesionLaw] | None) -> str:
-        """Source text, for the compiled simulation, of the functions marked as `outside` that `step` calls.
-
-        `model` is the assumed adhesion law; None for the law of the braking run.
-        """
+        """Source, for the compiled simulation, of functions marked `outside`; `model` is the assumed adhesion law."""
         return ""
 
     def source_text(self) -> str:
@@ -413,10 +348,7 @@ class Controller(Record):
         return _source_text(type(self), None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
-        """Numbers of the controller for the compiled simulation: reference slip, then the parameters in a `situation`.
-
-        `state` is the initial state of the controller; only the lengths of its arrays are used.
-        """
+        """Reference slip and parameters in a `situation`, for the compiled simulation; `state` gives array lengths."""
         slip = math.nan if self.reference is None else self.reference.on(situation.rail)
         values = {**self.parameters(situation), "period": situation.period, "reference_slip": slip}
         layout = layout_of(type(self))
@@ -447,14 +379,9 @@ class Controller(Record):
         model = None if self.model_law is None else type(self.model_law)
         return _rebuilt, (cloudpickle.dumps(type(self)), model, self.source_text(), dict(self))
 
-    # --- files ---
-
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Make the controller from `content`, the keys of the file at a `path`.
-
-        `initial_speed` is the initial speed v0, m/s, for an adhesion law that depends on v0.
-        """
+        """Make the controller from `content`, the keys of the file `path`; `initial_speed`, m/s, is that of the run."""
         return validated(cls, content, file_name(path))
 
     def file_keys(self) -> dict[str, Any]:
@@ -463,14 +390,10 @@ class Controller(Record):
 
     @property
     def toml(self) -> str:
-        """Text of the TOML file: every number with its unit, and the name of the Python file of a user's kind.
-
-        InputError for a field that is None although its default is not.
-        """
+        """Text of the TOML file; InputError for a field that is None although its default is not."""
         return self._file_text(Path())
 
     def _file_text(self, folder: Path) -> str:
-        """Text of the TOML file with paths relative to a folder."""
         for name, field in type(self).model_fields.items():
             if getattr(self, name) is None and field.default is not None:
                 raise InputError(
@@ -491,10 +414,7 @@ class Controller(Record):
         return "\n".join([*lines, *tables]) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write the controller to a TOML file at a `path`, which the commands and `load_controller` can read.
-
-        InputError if the file cannot be written.
-        """
+        """Write the controller to a TOML file at a `path`; InputError if the file cannot be written."""
         path = given_path(path)
         try:
             path.write_text(self._file_text(path.parent), "utf-8")
@@ -503,10 +423,7 @@ class Controller(Record):
 
 
 def python_file(kind: type[Controller]) -> str | None:
-    """Name of the Python file that defines a user's controller class.
-
-    None for a class of this package, or for a class that was defined interactively.
-    """
+    """Return the Python file that defines a user's controller class; None for any other class."""
     if kind.__module__.startswith(f"{__package__}."):
         return None
     try:
@@ -516,7 +433,6 @@ def python_file(kind: type[Controller]) -> str | None:
 
 
 def _rebuilt(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: dict[str, Any]) -> Controller:
-    """Rebuild a pickled controller whose class cannot be imported."""
     from numba import cloudpickle
 
     made: type[Controller] = cloudpickle.loads(kind)
@@ -524,8 +440,8 @@ def _rebuilt(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: di
     return made.model_construct(**values)
 
 
+# source texts of controller classes from another process, by class and type of the assumed adhesion law
 _RECEIVED: dict[tuple[type[Controller], type[AdhesionLaw] | None], str] = {}
-"""Source texts of controller classes that another process sent, by class and type of the assumed adhesion law."""
 
 
 def torque_range(least: float, most: float) -> str:
@@ -548,12 +464,9 @@ def _toml(value: Any) -> str:
     )
 
 
-# --- layout of the fields in a kernel ---------------------------------------------------------------------------------
-
-
 @cache
 def layout_of(kind: type[Controller]) -> Layout:
-    """Return where the compiled simulation stores the states and parameters of a controller class in its arrays."""
+    """Return the positions of a controller class's states and parameters in the arrays of the compiled simulation."""
     parameters, state = kind.parameter_fields(), kind.state_fields()
     arrays = tuple(name for name, hint in parameters.items() if get_origin(hint) is tuple)
     scalars = (*(name for name in parameters if name not in arrays), "period", "reference_slip")

@@ -14,20 +14,14 @@ from .pi import pi_control
 from .sampled import Rule, run_period
 from .systems import PolynomialController, StateSpaceController, linear_controller
 
-SURE_SHARE = 0.8
-"""Ratio of the initial and hand-over torque of a linear controller to the brake torque at the least adhesion.
-
-The torque is 20 % lower than the brake torque at the operating point of least adhesion, as a margin for the random
-force.
-"""
+SURE_SHARE = 0.8  #: initial torque over the brake torque at the least adhesion; 20 % is a margin for the random force
 
 
 def linear_control(system: Any, **fields: Any) -> LinearControl:
     """Return a linear system as a controller: `PI` or a derived class, `TransferFunction` or `StateSpace`.
 
-    By default Tustin's rule converts the system to difference equations, with the sampling period of `run_period`.
-    `fields` are further fields of the controller, for example another rule or period. InputError if `system` is not
-    linear.
+    `fields` are further fields of the controller; the default rule is Tustin's, and the default period that of
+    `run_period`. InputError if `system` is not linear.
     """
     design = linear_controller(system)
     kind = fields.pop("kind", None)
@@ -52,11 +46,8 @@ def braking_control(
 ) -> LinearControl:
     """Return a linear system as a controller whose torque is limited to the range from 0 to the full brake.
 
-    - system: linear system from slip error (m/s) to torque (N*m).
-    - points: operating points of the stop. The initial torque is `SURE_SHARE` of the smallest of their brake torques.
-    - reference, name, period: reference slip, name, and sampling period, s, of the controller.
-    - hand_over_kmh: speed, km/h, below which the controller commands the initial torque without slip control; 0: none.
-    - fields: further fields of the controller.
+    The initial torque is `SURE_SHARE` of the smallest brake torque at the operating points `points`. Below
+    `hand_over_kmh`, km/h, the controller commands this torque without slip control.
     """
     sure = SURE_SHARE * min(point.brake_torque for point in points)
     vehicle = points[0].vehicle

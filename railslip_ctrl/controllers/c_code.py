@@ -1,9 +1,7 @@
 """Writes a controller and its guard as C99, in a header and a source file.
 
-The C functions are translations (`c_function`) of the Python functions that simulations call: the controller's `step`,
-the functions that it calls, and those of `guard`. The fields of state and parameters become fields of C structures. All
-numbers are double, or float if `..._FLOAT32` is defined. `law_program` writes a generated sliding-mode law in the same
-form, but without values of its parameters.
+`c_function` translates the Python functions that simulations call. All numbers are double, or float if `..._FLOAT32` is
+defined.
 """
 
 from __future__ import annotations
@@ -32,8 +30,7 @@ from .translate import MATH, MEASURED, MEASUREMENT, PARAMETERS, STATE, Function,
 if TYPE_CHECKING:
     from railslip_ctrl.sliding.code import LawCode
 
-_PREFIX = "slip_"
-"""Prefix of the C functions translated from `step`, so that their names differ from other names in the program."""
+_PREFIX = "slip_"  # of the translated C functions, so that their names differ from others in the program
 _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
@@ -47,20 +44,13 @@ class CProgram:
 
     @property
     def in_one_file(self) -> str:
-        """Header and source as one text, which compiles by itself."""
         _, _, after_include = self.source.partition('.h"\n')
         return self.header + after_include
 
 
 @dataclass(frozen=True)
 class Member:
-    """Field of a C structure.
-
-    - name, comment: name, and meaning with unit.
-    - rules: C conditions on the value, which is written {} in them.
-    - length: number of elements of an array; None for a single number.
-    - value: default or initial value.
-    """
+    """Field of a C structure; `rules` are C conditions, in which {} is the value, and `length` is that of an array."""
 
     name: str
     comment: str
@@ -70,12 +60,10 @@ class Member:
 
     @property
     def declaration(self) -> str:
-        """Name, with length if it is an array, as declared in the C structure."""
         return f"{c_name(self.name)}{'' if self.length is None else f'[{max(self.length, 1)}]'};"
 
     @property
     def initialiser(self) -> str:
-        """C text of the value: a number, or a list in braces."""
         if self.length is None:
             return _real(self.value)
         return "{" + ", ".join(map(_real, self.value or (0.0,))) + "}"
@@ -86,14 +74,13 @@ def c_program(
 ) -> CProgram:
     """Return a controller as a C99 program whose default parameters are the numbers of the controller.
 
-    - control: a controller.
-    - vehicle: vehicle whose wheel, brake and load the controller assumes where it sets no values itself.
+    - control, vehicle: controller, and the vehicle that it assumes where it sets no values itself.
     - name: name of the two files, without ending; by default the controller's label.
     - rail: the default reference slip is that for this rail.
     - notes: lines for the comment at the top of the header.
 
-    InputError if the controller is a user's Python object or function, or if it lacks an adhesion law or a reference
-    slip that it needs.
+    InputError if the controller is a user's Python object or function, or if a required adhesion law or reference slip
+    is missing.
     """
     control = control.believing(vehicle)
     period = PERIOD if control.period is None else control.period
@@ -108,16 +95,15 @@ def c_program(
     return _program(name or _stem(control.label), step, state, law, guard, head)
 
 
+# C names of the arguments of the generated law
 LAW_INPUTS = {"v": "train_speed", "omega": "wheel_speed", "Ta": "adhesion_torque"}
-"""C names of the arguments of the generated law's step function."""
 
 
 def law_program(code: LawCode, *, name: str = "asmc") -> CProgram:
-    """Return a generated sliding-mode law and its guard as a C99 program.
+    """Return a generated sliding-mode law and its guard as a C99 program; `name` is that of the files, without ending.
 
-    The parameters have no useful defaults: the defaults are zero, and the C function init rejects most zeros, so that
-    the user of the program must set the parameters. If the law was generated from an adhesion file, the adhesion
-    parameters of this file are macros in the header. `name` is the name of the two files, without ending.
+    The parameters are zero by default, and the C function init rejects most zeros, so that the user of the program must
+    set them. If the law was generated from an adhesion file, the header has macros with the parameters of this file.
     """
     law = module_of(code.python)
     step = read_step(law.law_step, {"state": STATE, "p": PARAMETERS})
@@ -145,15 +131,6 @@ def _program(
     head: Callable[[int], Iterable[str]],
     adhesion: Mapping[Rail, list[str]] = MappingProxyType({}),
 ) -> CProgram:
-    """Return the C program of a controller's step.
-
-    - name: name of the files.
-    - step: control law, read from its Python source.
-    - state, law: fields of the C structures for the state and for the parameters of the control law.
-    - guard: parameters of the guard by name.
-    - head: function that returns the lines of the first comment; its argument is the number of operations of a sample.
-    - adhesion: C initialisers of the parameters of an adhesion law, by rail.
-    """
     prefix = f"railslip_{_stem(name)}"
     limits = [Member(field, *_described((Guard,), field), value=value) for field, value in guard.items()]
     functions, count = _functions(prefix, step, {STATE: state, PARAMETERS: law})
@@ -201,10 +178,6 @@ def _stem(name: str) -> str:
 
 
 def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]]) -> tuple[list[str], Any]:
-    """Return the texts of all C functions, and a function that returns the number of operations of a sample.
-
-    The argument of this function is the number of iterations that it assumes for a loop without a fixed end.
-    """
     measured = {MEASUREMENT: f"{prefix}_measurement"}
     lengths = {
         (role, member.name): member.length
@@ -226,11 +199,7 @@ def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]])
     return [function.text for function in functions], operations
 
 
-# --- fields -----------------------------------------------------------------------------------------------------------
-
-
 def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable[[float], Any]) -> list[Member]:
-    """Return the fields of the C structure of the state; an initial value "train_speed" is the initial train speed."""
     slow, fast = start(1.0), start(2.0)
     members = []
     for name in names:
@@ -248,7 +217,6 @@ def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable
 
 
 def _parameter_members(control: Controller, step: Function, values: Mapping[str, Any]) -> list[Member]:
-    """Return the fields of the C structure of parameters: only the parameters that `step` reads, with their values."""
     read = {
         node.attr
         for function in step.all().values()
@@ -265,19 +233,15 @@ def _parameter_members(control: Controller, step: Function, values: Mapping[str,
     return members
 
 
+# meaning and bounds of the parameters that every controller has
 _OF_EVERY_STEP = {
     "period": ("sampling period, s", (f"{{}} >= REAL({LEAST_PERIOD})",)),
     "reference_slip": ("reference slip ratio, 1", ("{} > REAL(0.0)", "{} < REAL(1.0)")),
 }
-"""Meaning and bounds of the parameters that every controller has."""
 
 
 def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]:
-    """Return the meaning of a field with its unit, and its bounds as C conditions, in which {} is the value.
-
-    The first of the classes `owners` that has the field describes it; without one, meaning and bounds are empty. An
-    owner is a record class, or a class of a generated law, whose annotations contain meaning and bounds.
-    """
+    """Return the meaning of a field with its unit, and its bounds as C conditions, in which {} is the value."""
     if name in _OF_EVERY_STEP:
         return _OF_EVERY_STEP[name]
     for owner in owners:
@@ -296,7 +260,6 @@ def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]
 
 
 def _checks(part: str, members: list[Member]) -> Iterator[tuple[str, int | None, tuple[str, ...]]]:
-    """Yield for each parameter its C expression, its length, and the conditions that the C function init checks."""
     for member in members:
         text = f"parameters->{part}.{c_name(member.name)}"
         finite = f"is_finite({text}{'' if member.length is None else '[i]'})"
@@ -313,7 +276,6 @@ def _real(value: Any) -> str:
 
 
 def _wrapped(text: str, margin: str = "    ") -> str:
-    """Wrap text to lines of at most `WIDTH` characters that begin with `margin`."""
     lines = textwrap.wrap(margin + text, WIDTH, subsequent_indent=margin + "    ", break_long_words=False)
     return "\n".join(lines)
 
@@ -327,7 +289,6 @@ def _operations(count: int) -> str:
 
 
 def _head(control: Controller, vehicle: Vehicle, period: float) -> tuple[str, ...]:
-    """Return the first lines of the comment at the top of the header."""
     digest = hashlib.sha256(control.toml.encode()).hexdigest()
     hand_over = control.controlled_from
     below = f"Below {hand_over / KMH:.4g} km/h the controller does not control slip, but holds {control.handed_over()}."

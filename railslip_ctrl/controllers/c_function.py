@@ -1,7 +1,4 @@
-"""Translates a controller's `step`, or a function that it calls, from Python to C99.
-
-Each C function has one `return`. Variables that are assigned once are `const`.
-"""
+"""Translates a controller's `step`, or a function that it calls, from Python to C99."""
 
 from __future__ import annotations
 
@@ -25,6 +22,7 @@ _OPERATORS: dict[type[ast.AST], str] = {
     **{ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="},
     **{ast.And: "&&", ast.Or: "||", ast.Not: "!", ast.USub: "-", ast.UAdd: "+"},
 }
+# names reserved by C, C++, embedded compilers, or the program itself
 _RESERVED = frozenset(
     """alignas alignof and and_eq asm auto bitand bitor bool break case catch char class compl concept const const_cast
     constexpr continue decltype default delete do double dynamic_cast else enum explicit export extern false far float
@@ -34,7 +32,6 @@ _RESERVED = frozenset(
     union unsigned using virtual void volatile wchar_t while xor xor_eq main floor ceil y0 y1 yn j0 j1 jn gamma
     NAN INFINITY HUGE_VAL M_PI M_E real lesser larger square modulo is_finite""".split()  # noqa: SIM905
 ) | {name for function in MATH for name in (function, f"{function}f")}
-"""Names reserved by C, C++, embedded compilers, or the program itself."""
 
 
 def c_name(name: str) -> str:
@@ -45,12 +42,7 @@ def c_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Structures:
-    """Names and sizes that the C functions use.
-
-    - types: name of the C structure for each role: state, measurement, parameters.
-    - lengths: number of elements of each array field, by role and name of the field.
-    - prefix: first part of the names of the C functions.
-    """
+    """Names of the C structures by role, lengths of their arrays by role and field, and prefix of the C functions."""
 
     types: Mapping[str, str]
     lengths: Mapping[tuple[str, str], int] = field(default_factory=dict)
@@ -65,7 +57,7 @@ def writes_state(function: Function) -> bool:
 
 
 class CFunction:
-    """C translation of a Python function: `head` is its declaration, `text` the whole C function."""
+    """C translation of a Python function. It has one `return`; variables that are assigned once are `const`."""
 
     def __init__(self, function: Function, structures: Structures) -> None:
         self._function, self._structures = function, structures
@@ -80,12 +72,10 @@ class CFunction:
 
     @property
     def name(self) -> str:
-        """Name of the function in Python."""
         return self._function.name
 
     @property
     def head(self) -> str:
-        """C declaration: type of the result, name and arguments."""
         function, arguments = self._function, []
         for name in function.arguments:
             role = function.roles.get(name)
@@ -99,7 +89,6 @@ class CFunction:
 
     @property
     def text(self) -> str:
-        """Text of the C function: comment, head and body."""
         doc = commented(" ".join(self._function.doc.split()))
         comment = textwrap.wrap(f"/* {doc} */", WIDTH, subsequent_indent="   ")
         declared = [f"int {name} = 0;" for name in sorted(self._ints & self._variables)]
@@ -119,14 +108,10 @@ class CFunction:
 
     @property
     def _outputs(self) -> list[str]:
-        """Names of the pointer arguments through which a C function returns several numbers; else empty."""
         return [f"{self._result}{i}_out" for i in range(self._values)] if self._values > 1 else []
-
-    # --- names ---
 
     @property
     def _variables(self) -> set[str]:
-        """Names declared at the top of the function; all others are declared where they are assigned."""
         variables = set()
         for node in self._walk():
             if isinstance(node, ast.Assign) and id(node) not in self._constants:
@@ -140,7 +125,6 @@ class CFunction:
             yield from ast.walk(statement)
 
     def _whole_names(self) -> set[str]:
-        """Return the names whose values are always integers or booleans."""
         values: dict[str, list[ast.expr | None]] = {}
         for node in self._walk():
             if isinstance(node, ast.Assign):
@@ -163,7 +147,6 @@ class CFunction:
             whole = kept
 
     def _is_whole(self, node: ast.expr, names: set[str] | None = None) -> bool:
-        """Return True if an expression is an integer or a boolean."""
         names = self._ints if names is None else names
         match node:
             case ast.Constant():
@@ -183,8 +166,7 @@ class CFunction:
                 return self._is_whole(node.body, names) and self._is_whole(node.orelse, names)
         return False
 
-    def _declared_at_once(self) -> Iterator[ast.stmt]:
-        """Yield assignments that can be `const` declarations: each name is assigned once and used in one block only."""
+    def _declared_at_once(self) -> Iterator[ast.stmt]:  # assignments that can be `const` declarations
         uses: dict[str, int] = {}
         stores: dict[str, int] = {}
         for node in self._walk():
@@ -205,8 +187,6 @@ class CFunction:
                 first = all(stores[name] == 1 and seen[name] == uses[name] for name in here)
                 if first and not set(here) & set(self._function.arguments):
                     yield statement
-
-    # --- statements ---
 
     def _statements(self, nodes: list[ast.stmt]) -> list[str]:
         return [line for node in nodes for line in self._statement(node)]
@@ -278,33 +258,26 @@ class CFunction:
                 lines.append(f"(void){c_name(target.id)};")
         return lines
 
-    # --- expressions ---
-
     def _bare(self, node: ast.expr, real: bool = False) -> str:
-        """Return the C text of an expression without outer brackets."""
         text = self._text(node, real)
         inner = isinstance(node, ast.BinOp | ast.BoolOp | ast.Compare | ast.IfExp)
         return text[1:-1] if inner and text.startswith("(") and not text.startswith("(real)") else text
 
     def _whole(self, node: ast.expr) -> str:
-        """Return the C text of an expression as an integer, for an index or the end of a loop."""
         return self._bare(node) if self._is_whole(node) else f"(int){self._text(node, True)}"
 
     def _truth(self, node: ast.expr) -> str:
-        """Return the C text of an expression that is used as a condition."""
         if isinstance(node, ast.BoolOp):
             return f"({f' {_OPERATORS[type(node.op)]} '.join(map(self._truth, node.values))})"
         return f"!({self._condition(node.operand)})" if _is_not(node) else self._text(node)
 
     def _condition(self, node: ast.expr) -> str:
-        """Return the C text of a condition without outer brackets."""
         return self._truth(node)[1:-1] if isinstance(node, ast.BoolOp) else self._bare(node)
 
     def _chosen(self, node: ast.BoolOp) -> str:
-        """Return the C text of an `and` or `or` whose value is used: in Python the value is one of the operands."""
         if _is_truth(node):
             return self._truth(node)
-        as_real = not self._is_whole(node)
+        as_real = not self._is_whole(node)  # in Python the value of `and` or `or` is one of the operands
         *others, text = (self._text(part, as_real) for part in node.values)
         for other, operand in zip(reversed(others), reversed(node.values[:-1]), strict=True):
             sides = (text, other) if isinstance(node.op, ast.And) else (other, text)
@@ -312,10 +285,6 @@ class CFunction:
         return text
 
     def _text(self, node: ast.expr, real: bool = False) -> str:
-        """Return the C text of an expression with brackets around every operation.
-
-        If `real` is True, an integer expression is converted to a real number.
-        """
         if real and self._is_whole(node) and not isinstance(node, ast.Constant):
             return f"(real){self._text(node)}"
         match node:
@@ -342,7 +311,6 @@ class CFunction:
         raise self._untranslatable(node)
 
     def _variable(self, node: ast.Name | ast.Attribute | ast.Subscript, real: bool) -> str:
-        """Return the C text of a variable, a field, or an element of an array."""
         if isinstance(node, ast.Name):
             value = self._function.constants.get(node.id)
             return c_name(node.id) if value is None else number(float(value) if real else value)
@@ -409,14 +377,8 @@ class CFunction:
             f"{self._function.name}: {ast.unparse(node)!r} cannot be translated to C; write it in simpler statements"
         )
 
-    # --- operation count ---
-
     def operations(self, bound: int, counts: Mapping[str, int]) -> int:
-        """Return an upper bound on the number of arithmetic operations of a call.
-
-        - bound: number of iterations assumed for a loop without a fixed end.
-        - counts: operations of each called function, by name.
-        """
+        """Return an upper bound on the operations of a call in which loops without a fixed end run `bound` times."""
         return sum(self._count(statement, bound, counts) for statement in self._body)
 
     def _count(self, node: ast.AST, bound: int, counts: Mapping[str, int]) -> int:
@@ -435,17 +397,13 @@ _COUNTED = (ast.BinOp, ast.UnaryOp, ast.Compare, ast.AugAssign, ast.Call, ast.If
 
 
 class _Returns:
-    """Removes the `return` statements from the body of a Python function.
-
-    Each `return` becomes an assignment to the result; the statements after it move into branches.
-    """
+    """Replaces each `return` in a function body by an assignment; the statements after it move into branches."""
 
     def __init__(self, values: int, result: str, returned: str) -> None:
         self._names = [result] if values == 1 else [f"{result}{i}" for i in range(values)]
         self._returned = returned
 
     def body(self, nodes: list[ast.stmt], in_loop: bool = False) -> list[ast.stmt]:
-        """Return the statements that replace `nodes`, the statements of a function or (`in_loop`) of a loop."""
         done: list[ast.stmt] = []
         for k, node in enumerate(nodes):
             rest = nodes[k + 1 :]
@@ -483,7 +441,6 @@ def _has_return(node: ast.AST) -> bool:
 
 
 def _unused(name: str, used: set[str]) -> str:
-    """Return `name`, with trailing underscores if it is already used."""
     return name if name not in used else _unused(f"{name}_", used)
 
 
@@ -492,21 +449,18 @@ def _is_not(node: ast.expr) -> TypeGuard[ast.UnaryOp]:
 
 
 def _is_truth(node: ast.expr) -> bool:
-    """Return True if the value of an expression can only be 0 or 1."""
     if isinstance(node, ast.BoolOp):
         return all(map(_is_truth, node.values))
     return isinstance(node, ast.Compare) or _is_not(node)
 
 
 def _changed(node: ast.AugAssign) -> ast.BinOp:
-    """Return the value that an augmented assignment such as `x += y` assigns."""
     old: Any = copy.deepcopy(node.target)
     old.ctx = ast.Load()
     return ast.BinOp(old, node.op, node.value)
 
 
 def _blocks(nodes: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
-    """Yield each block of statements as a list, with the blocks nested in it."""
     yield nodes
     for node in nodes:
         for name in ("body", "orelse"):
@@ -527,15 +481,11 @@ def _names(node: ast.expr) -> list[ast.Name]:
 
 
 def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
-    """Yield each target of an assignment with its value.
-
-    The value is None if the target receives one of several results of a called function.
-    """
     for target in node.targets:
         if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
             yield from zip(target.elts, node.value.elts, strict=True)
         elif isinstance(target, ast.Tuple):
-            yield from ((part, None) for part in target.elts)
+            yield from ((part, None) for part in target.elts)  # a called function returns several values
         else:
             yield target, node.value
 
@@ -555,7 +505,7 @@ def commented(text: str) -> str:
 
 
 def indented(lines: list[str]) -> list[str]:
-    """Return the lines of a block, indented and wrapped to at most `WIDTH` characters."""
+    """Return lines of C, indented by four characters and wrapped to at most `WIDTH` characters."""
     wrapped = []
     for line in lines:
         margin = " " * (len(line) - len(line.lstrip()) + 12)

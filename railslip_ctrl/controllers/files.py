@@ -59,7 +59,6 @@ def controller_kinds() -> Mapping[str, type[Controller]]:
 
 
 def _check_kind(kind: type[Controller], where: str) -> None:
-    """Raise InputError if a user's controller class lacks kind, title, source, or a static method `step`."""
     for name in ("kind", "title", "source"):
         if not isinstance(getattr(kind, name, None), str):
             raise InputError(
@@ -81,20 +80,16 @@ def is_kind(thing: Any) -> TypeGuard[type[Controller]]:
 
 @cache
 def structures() -> Mapping[str, type[Controller]]:
-    """Return the controller classes that `tune` can tune, by name.
-
-    These are the PI classes, with gains kp and ki, and the classes that override the method `Controller.loop`.
-    """
+    """Return, by name, the controllers that `tune` can tune: PI classes, and classes with an own method `loop`."""
     with_gains = {name: kind for name, kind in controller_kinds().items() if issubclass(kind, PI)}
     with_loop = {name: kind for name, kind in controller_kinds().items() if kind.loop is not Controller.loop}
     return MappingProxyType({**with_gains, **with_loop})
 
 
 def structure_named(name: str | type[Controller]) -> type[Controller]:
-    """Return a controller class that `tune` can tune.
+    """Return a controller class that `tune` can tune; InputError if there is none.
 
     `name` is a name in `structures`, the name of a Python file that assigns the class to CONTROLLER, or the class.
-    InputError for anything else.
     """
     if isinstance(name, str) and name.lower().endswith(".py"):
         path, name = Path(name), _from_python(Path(name))
@@ -117,9 +112,9 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
       trust.
     - initial_speed: initial speed v0 of the run, m/s; needed if the file sets an adhesion law that depends on v0.
 
-    Returns a `Controller` for a TOML file. For a Python file it returns the object `CONTROLLER`: a controller, a
-    controller class, a linear system, an object with a method `step`, or a function. InputError: one line with file,
-    key, value and allowed values. If the Python file fails, the message has the line in this file.
+    Returns a `Controller`; for a Python file its object `CONTROLLER`, which may also be a controller class, a linear
+    system, an object with a method `step`, or a function. InputError: a file with an invalid key or value, or a Python
+    file that fails.
     """
     path = given_path(path)
     where = file_name(path)
@@ -137,7 +132,6 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
 
 
 def _kind_of(content: dict[str, Any], path: Path, where: str) -> type[Controller]:
-    """Return the controller class that the keys `kind` and `python` of a controller file name."""
     kind, kinds = content.get("kind"), controller_kinds()
     if isinstance(python := content.get("python"), str):
         given = _from_python(path.parent / python)
@@ -154,7 +148,6 @@ def _kind_of(content: dict[str, Any], path: Path, where: str) -> type[Controller
 
 
 def _from_python(path: Path) -> Any:
-    """Run a Python file and return its object `CONTROLLER`; InputError if the object cannot serve as a controller."""
     controller = record_in(path, "CONTROLLER", ())
     is_class = inspect.isclass(controller)
     kind: Any = controller if is_class else type(controller)
@@ -176,16 +169,12 @@ def as_control(
 ) -> Controller:
     """Convert any object that can serve as a controller to a `Controller` for a vehicle.
 
-    - controller: one of the following.
-
-      - a `Controller`, or a design with an attribute `controller`;
-      - a controller class, whose method `for_vehicle` makes the controller;
-      - a linear system (`systems.linear_controller`), which is sampled by Tustin's rule every 10 ms or at its own
-        period; its torque is limited to the range from 0 to the vehicle's full brake, with anti-windup;
-      - any other object with a method `step`, or a function; it is called at its attribute `period`, s, or every 10 ms
-        if it has none.
-    - vehicle: vehicle whose wheel, brake and load the controller assumes where it sets no values itself.
-    - reference, name: reference slip and name that a controller without them gets.
+    - controller: a `Controller`, a design with an attribute `controller`, a controller class, a linear system, a
+      function, or an object with a method `step`. Tustin's rule samples a linear system every 10 ms or at its own
+      period, and its torque is limited to the range from 0 to the full brake. A step is called every 10 ms, or at the
+      attribute `period`, s.
+    - vehicle: vehicle that the controller assumes where it sets no values itself.
+    - reference, name: reference slip and name for a controller without them.
 
     InputError for any other object, or if a controller that tracks a reference slip has none.
     """

@@ -1,7 +1,7 @@
 """Guard between a controller and the brake: it handles bad samples, a stuck sensor, a locked wheel and torque limits.
 
-Python (`ControlUnit`) and the generated C99 use the same functions. Their arguments are the guard's state g, the
-measurement m, and the guard's parameters q.
+Python (`ControlUnit`) and the generated C99 use the same functions, in which g is the guard's state, m the measurement,
+and q the guard's parameters.
 """
 
 from __future__ import annotations
@@ -78,11 +78,10 @@ class Guard(Record):
 
     @classmethod
     def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
-        """Return the guard of a controller.
+        """Return the guard of a controller; `period` is the sampling period, s.
 
-        If the controller has no limit of the torque, the lower limit is 0 and the upper limit the vehicle's full brake
-        torque. A lower limit above 0 becomes 0, because the guard must be able to release the brake. `period` is the
-        sampling period, s.
+        If the controller has no torque limit, the lower limit is 0 and the upper limit the vehicle's full brake torque.
+        A lower limit above 0 becomes 0, because the guard must be able to release the brake.
         """
         least, most = control.least_torque, control.largest_torque
         radius = getattr(control, "radius", None)
@@ -94,8 +93,7 @@ class Guard(Record):
         )
 
 
-_SAME_TIME = 1e-9
-"""Relative tolerance for comparing times, because sums of periods have rounding errors."""
+_SAME_TIME = 1e-9  # relative tolerance for comparing times, because sums of periods have rounding errors
 
 
 def is_good(g: Any, m: Any, q: Any) -> Any:
@@ -156,8 +154,7 @@ class Command(NamedTuple):
 class ControlUnit:
     """A controller and its guard, called sample by sample as in the generated C99 program.
 
-    - control: a controller.
-    - vehicle: vehicle whose wheel, brake and load the controller assumes where it sets no values itself.
+    - control, vehicle: controller, and the vehicle that it assumes where it sets no values itself.
     - speed: train speed when the brake is applied, m/s.
     - rail: the reference slip is that for this rail.
 

@@ -20,13 +20,9 @@ from .base import LEAST_PERIOD, PERIOD, Controller, DesignNumber, Situation
 from .sampled import Rule, SampledController, linear_step, state_names
 from .systems import LinearController, PolynomialController, StateSpaceController, describe_system
 
-TORQUE_LIMIT = 9000.0
-"""Full brake torque of the vehicle of [Park2008], N*m: twice the torque at an adhesion coefficient of 0.3."""
-
+TORQUE_LIMIT = 9000.0  #: N*m, full brake torque of the vehicle of [Park2008]: twice that at an adhesion of 0.3
 _MOST_COEFFICIENTS = 12  # largest number of coefficients of a polynomial on the design page
-
-TRACKING_TIME = 2.0
-"""Tracking time of the anti-windup, s; with values from 1 to 5 s the braking distance changes by less than 1 %."""
+TRACKING_TIME = 2.0  #: s, of the anti-windup; from 1 to 5 s the braking distance changes by less than 1 %
 
 
 def full_brake_torque(vehicle: Vehicle) -> float:
@@ -39,7 +35,7 @@ def full_brake_torque(vehicle: Vehicle) -> float:
 
 
 def adhesion_share(vehicle: Vehicle, wheel_load: float) -> float:
-    """Return `wheel_load`, N, times the wheel radius, divided by this product of the vehicle of [Park2008]."""
+    """Return wheel radius times `wheel_load`, N, divided by this product for the vehicle of [Park2008]."""
     return wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
 
 
@@ -131,10 +127,7 @@ class LinearControl(Controller):
 
     @cached_property
     def as_run(self) -> SampledController | None:
-        """Difference equations for the sampling period `period`.
-
-        None if no period is set: the period is then the integration step of the run.
-        """
+        """Difference equations for the sampling period; None if the period is the integration step of the run."""
         return None if self.period is None else self.sampled(self.period)
 
     def described(self) -> str:
@@ -218,8 +211,7 @@ class TransferFunction(SystemControl):
 class StateSpace(SystemControl):
     """State-space controller x' = A x + B e, torque = C x + D e, SI; if discrete, x' is the next x.
 
-    The formats of other tools are accepted: keys in lower case, B as a column, C and D as rows, and a matrix of one
-    number without brackets.
+    Keys in lower case, B as a column, C and D as rows, and a single number without brackets are also accepted.
     """
 
     kind: ClassVar[str] = "state-space"
@@ -264,5 +256,4 @@ def _listed(value: Any) -> Any:
 
 
 def _single(value: Any) -> Any:
-    """Return the entry of a list that has one entry; return any other value unchanged."""
     return value[0] if isinstance(value, list | tuple) and len(value) == 1 else value

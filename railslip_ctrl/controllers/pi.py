@@ -13,8 +13,7 @@ from .base import DesignNumber
 from .linear import LinearControl
 from .systems import PIController
 
-FILTER_RATIO = 0.1
-"""Default ratio of the filter's time constant to the lead's; it corresponds to the usual filter N = 10 of a PID."""
+FILTER_RATIO = 0.1  #: default time constant of the filter over that of the lead: the usual N = 10 of a PID
 
 
 class PI(LinearControl):
@@ -34,10 +33,7 @@ class PI(LinearControl):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the fields `given`; by default its torque is limited to 0 and the full brake.
-
-        InfeasibleDesignError if kp or ki is not given: this method does not compute them, but the command `tune` does.
-        """
+        """Return the controller with the fields `given`; InfeasibleDesignError if kp or ki is not among them."""
         if not {"kp", "ki"} <= given.keys():
             raise InfeasibleDesignError(
                 f"controller {cls.kind}: no rule gives its gains for a vehicle; tune it, or give kp and ki"
@@ -59,14 +55,14 @@ class PI(LinearControl):
     def compensator(cls, actuator: Actuator, lead: float | None, lead_filter: float | None) -> PIController:
         """Return the transfer function of lead and filter, which stays fixed while kp and ki are tuned.
 
-        `lead` and `lead_filter` are time constants, s. If one is None, the class sets it: to 0, or for a PI-lead to the
-        lag of the `actuator` (lead) and to `FILTER_RATIO` times the lead (filter).
+        `lead` and `lead_filter` are time constants, s. None means 0, or for a PI-lead the lag of the `actuator` (lead)
+        and `FILTER_RATIO` times the lead (filter).
         """
         return PIController(PIGains(kp=1.0, ki=0.0), lead or 0.0, lead_filter or 0.0)
 
 
 class PILead(PI):
-    """PI with a lead; tuning sets the lead to the brake's lag, and the time constant of the filter to a tenth of it."""
+    """PI with a lead; tuning sets the lead to the brake's lag, and its filter to a tenth of this time constant."""
 
     kind: ClassVar[str] = "pi-lead"
     title: ClassVar[str] = "PI with a lead on the actuator's lag"
@@ -81,17 +77,14 @@ class PILead(PI):
 
 
 class PID(PILead):
-    """PID in series form: a PI-lead for which tuning also searches the lead, which is the derivative time."""
+    """PID in series form: a PI-lead for which tuning also searches the lead, the derivative time."""
 
     kind: ClassVar[str] = "pid"
     title: ClassVar[str] = "PID in series form"
 
 
 def pi_control(design: PIController, kind: type[PI] | None = None, **fields: Any) -> PI:
-    """Return the controller of a PI design.
-
-    `kind` is its class, by default `PILead` if the design has a lead, else `PI`. `fields` are further fields.
-    """
+    """Return a PI design as a controller of class `kind`, by default `PILead` for a design with a lead, else `PI`."""
     kind = kind or (PILead if design.lead > 0 else PI)
     times = {"lead": design.lead, "lead_filter": design.lead_filter}
     return kind(kp=design.gains.kp, ki=design.gains.ki, **times, **fields)

@@ -1,7 +1,6 @@
 """Predictive sliding-mode law: it acts on the slip error that is predicted over the dead time.
 
-The functions are in the order in which a sample runs them: model of the actuator, observer of the adhesion torque,
-predictor over the dead time, law, low-speed hand-over. In them x is the state and p the parameters.
+A sample runs the functions in their order in this module; in them x is the state and p the parameters.
 """
 
 from __future__ import annotations
@@ -34,10 +33,7 @@ QUICK_TIME = 0.05  # s, shortest filter time of the seeking law
 
 _SAMPLES_OF_DEAD_TIME = 12  # fewest samples in a dead time: with fewer, Ms exceeds 2 for light and heavy vehicles
 _SPARE = 3  # samples of the torque history in addition to the dead time
-
-FADED = 0.7
-"""Share of the reference slip that remains at the hand-over."""
-
+FADED = 0.7  # share of the reference slip that remains at the hand-over
 _LOST = 16.0  # m/s, slip velocity gained in one dead time if mu falls by 1; 15.9 for the published vehicle
 _QUICKEST = 0.44  # smallest x of `for_vehicle`: below it, a brake 30 % faster than assumed makes the loop unstable
 _HAND_OVER = 4.2  # slip velocity gained in one dead time over hand-over speed; gives 14 km/h for the published vehicle
@@ -121,7 +117,7 @@ class Predictive(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Observe, predict, then hold the reference slip, or the torque after the hand-over."""
+        """Return the torque, N*m, that tracks the reference slip, or at low speed a share of the mean torque."""
         v, omega, applied = measurement.train_speed, measurement.wheel_speed, measurement.applied_torque
         if not math.isfinite(applied):
             return state.torque_ahead
@@ -152,16 +148,13 @@ class Predictive(Controller):
         return f"{first:g} % of its mean torque, {last:g} % at {self.last_speed / KMH:.3g} km/h"
 
     def speeds_to_judge(self) -> tuple[float, ...]:
-        """Hand-over speed and the speed at which the reference begins to fade: either may be the worst case."""
         return self.hand_over_speed, self.fade_speed
 
     def _kept(self, speed: float) -> float:
-        """Share of the reference slip that is held at a speed, m/s."""
         return float(np.interp(speed, [self.hand_over_speed, self.fade_speed], [FADED, 1.0]))
 
     @classmethod
     def _orders(cls) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Return groups of fields whose values must increase, each with the relation between neighbours."""
         return (
             (" <= ", ("last_share", "hand_over_share")),
             (" < ", ("last_speed", "hand_over_speed", "fade_speed")),  # the law divides by their differences
@@ -183,17 +176,17 @@ class Predictive(Controller):
         kappa = 0.27 x/theta, k = 0.3/theta, K = 0.23 N r/(theta + T), phi = 0.75 x theta K, observer 0.34 x theta,
         deceleration 0.52 theta. The hand-over speed is N r^2 theta/(4.2 J), in whole km/h and at least 5; the reference
         fades below 27/13 times this speed. The factors were found from stops on many rails: halving or doubling a
-        factor changes the distances less than the random force does. With these kappa and phi the loops of light and
-        heavy vehicles have Ms <= 2 and are stable with the tolerances.
+        factor changes the distances less than the random force does. Light and heavy vehicles have Ms <= 2, and their
+        loops are stable with the tolerances. The largest torque is the full brake of the published vehicle, scaled by N
+        r.
 
         N r^2 theta/J is the slip velocity gained in a dead time without adhesion (mu = 1). x = 16 m/s J/(N r^2 theta),
-        from 0.44 to 1: the larger the wheel load, the sooner slip runs away past the peak, and the sooner the torque
-        must follow. The noise of J omega' is then smaller relative to N r, and needs less filtering. The largest torque
-        is the full brake of the published vehicle, scaled by N r.
+        from 0.44 to 1: with a larger wheel load N, the slip runs away sooner past the peak, and the torque must follow
+        sooner.
 
         - vehicle: vehicle whose wheel, wheel load and actuator are used; its mass is not used.
-        - period: sampling period, s; by default 10 ms, or a twelfth of the dead time if that is shorter. A period above
-          a twelfth of the dead time is refused.
+        - period: sampling period, s, at most a twelfth of the dead time; by default 10 ms, or a twelfth if that is
+          shorter.
 
         InputError: a brake without dead time, or too long a period.
         """
@@ -226,16 +219,16 @@ class Predictive(Controller):
 
     @classmethod
     def _own_rules(cls, dead_time: float) -> dict[str, float]:
-        """Further rules of a derived kind, for a dead time, s."""
         return {}
 
     def loop(self, point: OperatingPoint, actuator: Actuator | None = None) -> DelayedLoop:
         """Exact loop in the boundary layer, broken at the acting torque; the reference is the point's slip.
 
-        The speed is frozen. With g = k + K/phi, E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the
-        deceleration, G and A from the acting torque to sigma and v', lambda the slip ratio: L = E J/r [(1 + kappa/g +
-        kappa theta) (s Q G + ((1 - lambda) Qa - Q) A) + kappa G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g
-        + kappa theta) Q E]. This is the limit of a short sampling period; `loop_as_run` is the sampled loop.
+        The train speed is constant. The symbols are g = k + K/phi, E = exp(-theta s), the filters Q = 1/(tau_o s + 1)
+        of the observer and Qa of the deceleration, the transfer functions G and A from the acting torque to sigma and
+        v', and the slip ratio lambda: L = E J/r [(1 + kappa/g + kappa theta) (s Q G + ((1 - lambda) Qa - Q) A) + kappa
+        G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g + kappa theta) Q E]. This is the limit of a short
+        sampling period; `loop_as_run` is the sampled loop.
 
         - point: operating point of wheel and rail.
         - actuator: the brake, s; by default the assumed brake.
@@ -255,7 +248,6 @@ class Predictive(Controller):
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
     ) -> tuple[NDArray[np.bool_], Floats]:
-        """Stability and Ms of the sampled loops; see `Controller.stable_and_ms` and `loop_as_run`."""
         stable, ms = np.zeros(case[0].size, dtype=bool), np.full(case[0].size, np.inf)
         for mine, loops in sampled_laws(self, points, brakes, case):
             stable[mine], ms[mine] = loops.stable_and_ms
@@ -268,7 +260,7 @@ class Predictive(Controller):
 
 
 def _blocks(point: OperatingPoint, law: Predictive) -> tuple[Floats, Floats, Floats]:
-    """Loop without the brake: numerator, and the parts of the denominator without and with the delay."""
+    """Return the numerator of the loop without the brake, and its denominator without and with the dead time."""
     assert law.dead_time is not None, "filled in by `believing`"
     assert law.lag is not None, "as above"
     assert law.wheel_inertia is not None, "as above"
@@ -302,7 +294,7 @@ def _sum(*polynomials: Floats) -> Floats:
 
 @lru_cache(KEPT)
 def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
-    """Common denominator, and numerators from acting torque to sigma and to v', at frozen speed."""
+    """Return the denominator, and the numerators from acting torque to sigma and v', at constant speed."""
     plant, moving = linearize(point), linearize(point, speed_state=True)
     den = np.asarray(np.poly(plant.A).real, dtype=float)
     sigma = np.array([[float(name == "sigma") for name in plant.states]])
@@ -310,11 +302,8 @@ def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
     return den, found[0], found[1]
 
 
-# --- steps of a sample ----
-
-
 def actuator_model(x: Any, p: Any, applied: float) -> None:
-    """Update the acting torque ahead of the dead time, from the command that the brake took, and its history."""
+    """Update the modelled torque before the dead time, and its history, from the torque that was applied."""
     k, ring = int(x.samples), len(x.history)
     if k > 0:
         x.torque_ahead += (1.0 - math.exp(-p.period / p.lag) if p.lag > 0.0 else 1.0) * (applied - x.torque_ahead)
@@ -370,7 +359,7 @@ def predict(x: Any, p: Any, v: float, sigma: float, reference: float) -> None:
 
 
 def fading(p: Any, v: float) -> Any:
-    """Share of the reference slip that is held at a train speed."""
+    """Share of the reference slip that the law tracks at a train speed."""
     if v >= p.fade_speed:
         return 1.0
     return 0.7 + 0.3 * max(v - p.hand_over_speed, 0.0) / (p.fade_speed - p.hand_over_speed)

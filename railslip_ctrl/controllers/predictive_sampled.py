@@ -1,10 +1,9 @@
 """Exact sampled loop of the predictive law, including the wheel and the dead time.
 
-Within the boundary layer the control law is linear. Its loop is L = N/D, where N and D are functions of w = z - 1, for
-a constant train speed. D depends only on the controller. N contains the responses of the wheel to a command that is
-held for one period. Each response is a ratio of polynomials in w, divided by a power of z for the dead time
-([Astrom1997] 2). The closed loop is stable if the winding number of D + N along the unit circle equals the number of
-unstable poles of the wheel, which are the only poles of D + N outside the circle.
+Within the boundary layer the law is linear. At a constant train speed its loop is L = N/D, where N and D are functions
+of w = z - 1, and D depends only on the controller. N contains the responses of the wheel to a command that is held for
+one period ([Astrom1997] 2). The closed loop is stable if the winding number of D + N along the unit circle equals the
+number of unstable poles of the wheel, which are the only poles of D + N outside the circle.
 """
 
 from __future__ import annotations
@@ -59,14 +58,10 @@ class SampledLaws:
 
     @property
     def period(self) -> float:
-        """Sampling period, s."""
         return float(self.law.period)
 
     def parts(self, omega: Floats, row: Rows) -> tuple[Complexes, Complexes]:
-        """Return D and N of the loops with indices `row`, (n,), at k frequencies from 0 to pi/h; h is the period.
-
-        - omega: frequencies, rad/s, (n, k), or (1, k) if all loops have the same frequencies.
-        """
+        """Return D and N of the loops `row`, (n,), at frequencies `omega`, rad/s, (n, k) or (1, k), up to pi/h."""
         law, h = self.law, self.period
         turn = 1j * omega * h
         w, z = np.expm1(turn), np.exp(turn)
@@ -117,11 +112,7 @@ class SampledLaws:
         return stable, ms
 
     def _windings(self, grid: Floats, values: Complexes) -> Rows:
-        """Return the winding number of D + N along the unit circle for each loop, (n,).
-
-        `values`, (n, k), are D + N at k frequencies `grid`, rad/s, from 0 to pi/h. Between two frequencies at which the
-        angles of D + N differ much, D + N is evaluated at further frequencies.
-        """
+        """Return the winding number of D + N along the unit circle for each loop, (n,)."""
         change = np.angle(values[:, 1:] / values[:, :-1])
         total = np.where(np.abs(change) <= _TURN, change, 0.0).sum(axis=1)
         row, at = np.nonzero(np.abs(change) > _TURN)
@@ -141,12 +132,7 @@ class SampledLaws:
 
 @dataclass(frozen=True)
 class SampledLaw:
-    """Sampled loop of the predictive law with one linear wheel.
-
-    - of: `SampledLaws` that contains only this loop.
-    - wheel: matrix of the wheel from `linear_wheel`, (m + 1, m + 2).
-    - brake: dead time and lag of the brake, s.
-    """
+    """Sampled loop of the predictive law with one linear wheel (result of `linear_wheel`) and an actuator."""
 
     of: SampledLaws
     wheel: Floats
@@ -154,7 +140,6 @@ class SampledLaw:
 
     @property
     def period(self) -> float:
-        """Sampling period, s."""
         return self.of.period
 
     def response(self, omega: Floats) -> Complexes:
@@ -163,11 +148,10 @@ class SampledLaw:
         return np.asarray((wheel / own)[0])
 
     def is_stable(self) -> bool:
-        """Return True if every pole of the closed loop is inside the unit circle."""
         return bool(self.of.stable_and_ms[0][0])
 
     def margins(self) -> Margins:
-        """Return a record of margins in which only Ms is computed; the other margins are NaN or empty."""
+        """Return a record of margins that contains only Ms; the other margins are NaN or empty."""
         empty: dict[str, Any] = dict.fromkeys(Margins.__dataclass_fields__, math.nan)
         lists = ("gain_crossovers", "phase_margins_deg", "phase_crossovers", "phase_crossover_gains")
         empty |= dict.fromkeys(lists, np.zeros(0))
@@ -176,12 +160,8 @@ class SampledLaw:
     def responses(self, end: float, points: int, *, reference: float, torque: float) -> tuple[Floats, Floats, Floats]:
         """Return times, s, and two step responses of the slip velocity, m/s: to the reference and to a torque.
 
-        - end: last time, s.
-        - points: largest number of times; all times are sampling instants.
-        - reference: height of the step of the reference slip velocity, m/s.
-        - torque: height of the step of a disturbance torque at the wheel, N*m.
-
-        The responses are exact, also for an unstable loop.
+        There are at most `points` times, at sampling instants up to `end`, s. The steps are those of the reference slip
+        velocity, `reference`, m/s, and of a disturbance torque at the wheel, `torque`, N*m.
         """
         every = max(math.ceil(end / (points * self.period)), 1)
         later = np.linalg.matrix_power(self._sample(), every)
@@ -197,12 +177,7 @@ class SampledLaw:
         return times, states[0, : 2 * count : 2], states[0, 1 : 2 * count : 2]
 
     def _sample(self) -> Floats:
-        """Return the matrix that maps the state of the closed loop at one sample to that at the next sample.
-
-        The state contains in this order: wheel, train and brake; past torques of the controller's brake model, before
-        its dead time, the latest first; past commands, the latest first; the three filters of the law; and the constant
-        steps of reference and torque.
-        """
+        """Return the matrix from the state of the closed loop at a sample to its state at the next sample."""
         law, h, whole, periods = self.of.law, self.period, int(self.of.law.dead_time / self.period), self.of.periods[0]
         share, inertia = law.dead_time / h - whole, law.wheel_inertia / law.radius
         driven = _driven(self.wheel[None], np.array([self.brake.lag]) if self.brake.lag > 0 else None)[0]
@@ -242,9 +217,7 @@ def sampled_laws(
 ) -> Iterator[tuple[Rows, SampledLaws]]:
     """Yield the n sampled loops in groups of the same order: the indices of the loops of a group, and the loops.
 
-    - law: the controller, a `Predictive`.
-    - points, brakes: operating points and actuators.
-    - case: two index arrays, (n,) each: loop i has operating point case[0][i] and actuator case[1][i].
+    `law` is a `Predictive`. Loop i has operating point case[0][i] of `points` and actuator case[1][i] of `brakes`.
     """
     wheels = [linear_wheel(point) for point in points]
     slips = np.array([point.slip for point in points])
@@ -276,10 +249,7 @@ def linear_wheel(point: OperatingPoint) -> Floats:
 
 
 def _driven(wheels: Floats, lag: Floats | None) -> Floats:
-    """Return the matrices of wheel, train and brake, (n, d, d), with the constant command as last state.
-
-    The states are those of `linear_wheel`, the acting torque unless `lag` is None, and the command, whose rate is 0.
-    """
+    """Return matrices of wheel, train and brake, (n, d, d); the last state is the command, which is constant."""
     n, m = wheels.shape[0], wheels.shape[1]
     size = m + 1 if lag is None else m + 2
     matrices = np.zeros((n, size, size))
@@ -290,7 +260,6 @@ def _driven(wheels: Floats, lag: Floats | None) -> Floats:
 
 
 def _sampled(law: Any, slip: Floats, unstable: Rows, driven: Floats, dead_time: Floats, speed: int) -> SampledLaws:
-    """Return the sampled loops for the matrices `driven` of `_driven`; `speed` is the index of the train speed."""
     h, d = float(law.period), driven.shape[1] - 1
     periods = np.floor(dead_time / h + 1e-9).astype(np.intp)
     late = np.maximum(dead_time - periods * h, 0.0)
@@ -313,7 +282,6 @@ def _sampled(law: Any, slip: Floats, unstable: Rows, driven: Floats, dead_time: 
 
 
 def _exponential(matrices: Floats) -> Floats:
-    """Return the matrix exponentials of square matrices, (n, d, d), by a series and repeated squaring."""
     norm = np.abs(matrices).sum(axis=2).max(initial=0.0)
     halvings = max(math.ceil(math.log2(norm / _SMALL)), 0) if norm > 0 else 0
     small = matrices / 2**halvings
@@ -327,10 +295,6 @@ def _exponential(matrices: Floats) -> Floats:
 
 
 def _horner(coefficients: Floats, w: Complexes) -> Complexes:
-    """Return the values of n polynomials at points `w`, (n, k).
-
-    `coefficients`, (n, order), are in descending powers of w.
-    """
     value: Complexes = coefficients[:, 0, None].astype(complex)
     for k in range(1, coefficients.shape[1]):
         value = value * w + coefficients[:, k, None]

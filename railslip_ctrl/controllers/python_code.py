@@ -16,10 +16,10 @@ def python_text(control: Controller, speed: float = 100 / 3.6) -> str:
     """Return the text of a Python program: the control law `step`, the parameters on dry rail, and the initial state.
 
     - control: a controller whose assumed vehicle parameters are all set, for example by `believing`.
-    - speed: initial train speed, m/s; the initial state of a few controllers depends on it.
+    - speed: initial train speed, m/s.
 
-    InputError if the controller is a user's Python object or function, or if it lacks an adhesion law or a reference
-    slip that it needs.
+    InputError if the controller is a user's Python object or function, or if a required adhesion law or reference slip
+    is missing.
     """
     period = PERIOD if control.period is None else control.period
     functions = read_step(control.whole_step).all()

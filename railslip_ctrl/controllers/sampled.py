@@ -33,7 +33,7 @@ from .systems import (
     linear_controller,
 )
 
-_SLOWEST = 1e-9  # zeros and poles with a magnitude below this, relative to 1/h, count as 0
+_SLOWEST = 1e-9  # zeros and poles with a magnitude below this, relative to 1/h, are treated as 0
 _LEAST_RATIO = 1.01  # smallest ratio of rates at which a pole is moved; rounding splits double poles by 1e-8
 # `sampled_peak`: smallest magnitude of poles that cause a peak; lowest frequency relative to the slowest feature;
 # points of the grid; points of a refinement; number of refinements
@@ -42,7 +42,7 @@ _AT_INFINITY = 1e-12  # relative distance from 2/h (backward: 1/h) below which a
 
 
 class Rule(StrEnum):
-    """Discretisation rule: which function of z replaces s."""
+    """Discretisation rule, which replaces s by a function of z."""
 
     TUSTIN = "tustin"
     BACKWARD = "backward"
@@ -58,23 +58,19 @@ class SampledController:
         x[k] = phi x[k-1] + now e[k] + before e[k-1] + back (acted[k-1] - unlimited[k-1])
         unlimited[k] = C x[k] + D e[k],    torque[k] = unlimited[k] within the limits
 
-    The rule determines phi, now and before exactly; for a discrete design they are the matrices of the design. `acted`
-    is the torque that the brake applied; it differs from `unlimited` while a limit acts. The gains `back` then make
-    the slow states, for example an integrator, decay: the poles and the zeros of C are sorted by magnitude and
-    paired, and a pole that is slower than its zero moves to z = 1 - h/T, where 1/T is the magnitude of the zero. The
-    other poles, those of leads and filters, do not move. If every pole moves to its zero, the result is the conditioned
-    controller of [Hanus1987]: its states are those that an error would cause for which the controller commands exactly
-    the applied torque. For a PI the result is back-calculation with the tracking time kp/ki. `linear_step` evaluates
-    the equations.
+    The rule determines phi, now and before; for a discrete design they are the matrices of the design. `acted` is the
+    torque that the brake applied; it differs from `unlimited` while a limit acts. The gains `back` then make the slow
+    states, for example an integrator, decay: the poles and the zeros of C are sorted by magnitude and paired, and a
+    pole that is slower than its zero moves to z = 1 - h/T, where 1/T is the magnitude of the zero. Other poles do not
+    move. If every pole moves to its zero, the result is the conditioned controller of [Hanus1987].
 
     - design: linear system that `systems.linear_controller` accepts; it is stored as the result of this function.
     - period: h, s, > 0; for a discrete design the period of the design. With Tustin's rule no real pole may be faster
       than 2/h, because its response would alternate in sign.
     - torque_min, torque_max: limits of the command, N*m, torque_min < torque_max; for a brake 0 and the full brake.
     - rule: Tustin's rule or the backward difference.
-    - tracking_time: T of the slowest pole, often an integrator, s, >= h; inf: no anti-windup. By default 1/T is the
-      magnitude of the slowest zero (for a PI T = kp/ki). If there are fewer zeros than poles, each missing zero counts
-      as a zero with the magnitude of the fastest pole, or with 1/h if all poles are 0.
+    - tracking_time: T of the slowest pole, s, >= h; inf: no anti-windup. By default 1/T is the magnitude of the slowest
+      zero (for a PI T = kp/ki). For a missing zero it is the magnitude of the fastest pole, or 1/h if all poles are 0.
 
     InputError: a design that is not linear, or a period, limit or tracking time that is not allowed.
     """
@@ -103,7 +99,7 @@ class SampledController:
 
     @property
     def as_run(self) -> SampledController:
-        """This object: a simulation uses the sampled controller itself."""
+        """This object, which simulations use as it is."""
         return self
 
     def linear(self, point: OperatingPoint) -> LinearController:
@@ -148,10 +144,7 @@ class SampledController:
         return np.zeros(rates.size) if self.tracking_time == math.inf else np.minimum(rates, 1 / h)
 
     def start(self, torque: float = 0.0) -> SimpleNamespace:
-        """Return a state in which the controller commands the constant `torque`, N*m, as long as the error is 0.
-
-        InputError if the torque is outside the limits.
-        """
+        """Return a state that commands the `torque`, N*m, at zero error; InputError if it is outside the limits."""
         if not self.torque_min <= torque <= self.torque_max:
             raise InputError(
                 f"initial torque: {torque:g} N*m is not allowed; give a value from {self.torque_min:g} to "
@@ -169,12 +162,9 @@ class SampledController:
     def step(self, state: Any, error: float, applied: float | None = None) -> float:
         """Return the torque to command until the next sample, N*m, and update `state`.
 
-        - state: initially the result of `start`; every call changes it.
-        - error: slip error lambda_d v - sigma, m/s.
-        - applied: torque that the brake applied since the previous sample, N*m; by default the last command. It is
-          needed if something else than the limits of this controller changed the torque.
-
-        If the error is not finite, state and torque do not change.
+        - state: initially the result of `start`.
+        - error: slip error lambda_d v - sigma, m/s; if it is not finite, state and torque do not change.
+        - applied: torque that the brake applied since the previous sample, N*m; by default the last command.
         """
         if applied is None:
             applied = min(max(state.unlimited_torque, self.torque_min), self.torque_max)
@@ -203,8 +193,7 @@ def linear_step(state: Any, parameters: Any, error: float, applied: float) -> An
 
     - state: `states`, `room` (memory for the new states), (n,) each; `error` (m/s) and `unlimited_torque` (N*m) of the
       previous sample.
-    - parameters: `output` (C), `now`, `before`, `tracking` (back), (n,) each; `transition` (phi, n by n, row by row);
-      `direct` (D); `torque_min`, `torque_max` (N*m).
+    - parameters: those of `SampledController.numbers`; `transition` has the rows of phi one after the other.
     - error: slip error lambda_d v - sigma, m/s; if it is not finite, the state does not change.
     - applied: torque that the brake applied since the previous sample, N*m.
     """
@@ -227,10 +216,7 @@ def linear_step(state: Any, parameters: Any, error: float, applied: float) -> An
 
 
 def _mapped(roots: Complexes, rule: Rule, h: float) -> tuple[complex, Complexes]:
-    """Return gain and roots of the numerator in z of the product of all s - root, after `rule` has replaced s.
-
-    The denominator, a power of z + 1 (Tustin's rule) or of z, is not included. h is the period, s.
-    """
+    """Replace s in the product of all s - root; return leading coefficient and roots of the numerator in z."""
     ahead, behind = (1 - roots * h / 2, 1 + roots * h / 2) if rule is Rule.TUSTIN else (1 - roots * h, 1.0 + 0 * roots)
     at_infinity = np.abs(ahead) < _AT_INFINITY
     scale = 2 / h if rule is Rule.TUSTIN else 1 / h
@@ -269,7 +255,7 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
 def run_period(design: LinearController, period: float | None = None) -> float:
     """Return the sampling period of a design, s: for a discrete design its period, otherwise `period`.
 
-    If `period` is None, it is `PERIOD`, or twice the time constant of the lead's filter if this is shorter.
+    By default it is `PERIOD`, or twice the time constant of the lead's filter if this is shorter.
     """
     if not isinstance(design, PIController):
         return design.period or period or PERIOD
@@ -284,10 +270,7 @@ def state_names(design: LinearController) -> tuple[str, ...]:
 
 
 def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float]:
-    """Return A, B, C and D of a design.
-
-    The first state is a torque: the integral part of a PI, or for other designs an additional constant torque.
-    """
+    """Return A, B, C and D; the first state is the integral part of a PI, or else a constant torque."""
     if isinstance(design, PIController):
         kp, ki, lag = design.gains.kp, design.gains.ki, design.lead_filter
         if lag == 0:
@@ -322,17 +305,9 @@ def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats,
 
 
 def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Floats) -> Floats:
-    """Return the gains `back` of `SampledController`, which move the slow poles of phi to z = 1 - h rate.
+    """Return the gains `back` of `SampledController`, which move slow poles to z = 1 - h rate.
 
-    - phi, c: state matrix and output gains of the difference equations.
-    - slow: matrix with the same invariant subspaces as phi; its eigenvalues are the poles of a continuous design, or
-      (z - 1)/h for the poles z of a discrete design.
-    - h: period, s.
-    - rates: decay rates, 1/s, slowest first; only poles that decay more slowly move.
-
-    The gains are computed by Ackermann's formula in the subspace of the poles up to the fastest one that moves. The
-    formula is applied in the variable (z - 1)/h, in which poles near z = 1 are well separated. Modes that are
-    unobservable in the torque do not move.
+    `slow` has the invariant subspaces of phi; its eigenvalues are the poles in s, or (z - 1)/h for a discrete design.
     """
     from scipy.linalg import schur
 
@@ -345,15 +320,13 @@ def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Flo
     limit = abs(poles[moved[-1]]) * (1 + 1e-6) + _SLOWEST / h
     _, basis, count = schur(slow, output="real", sort=lambda re, im: math.hypot(re, im) <= limit)
     basis, identity = basis[:, :count], np.eye(count)
+    # Ackermann's formula in (z - 1)/h, in which poles near z = 1 are well separated
     inner, row = (basis.T @ phi @ basis - identity) / h, c @ basis
     observed = np.array([row @ np.linalg.matrix_power(inner, k) for k in range(count)])
     weights = np.linalg.lstsq(observed, identity[:, -1], rcond=None)[0]
     for rate in np.minimum(np.maximum(rates, decays), 1 / h)[:count]:
         weights = inner @ weights + rate * weights
     return np.asarray(h * basis @ weights)
-
-
-# --- margins of sampled loops -----------------------------------------------------------------------------------------
 
 
 @checked
@@ -384,10 +357,10 @@ def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
 
 
 def sampled_peak(loop: SampledLoop) -> float:
-    """Return Ms of a sampled loop, computed on a grid of frequencies; inf if the loop is unstable.
+    """Return Ms of a sampled loop, computed on a refined grid of frequencies; inf if the loop is unstable.
 
-    The grid includes the angles of the closed-loop poles near the unit circle, at which |S| has its peaks. It is
-    refined around the highest peak. The method `margins` of the loop is exact but slower.
+    The grid includes the angles of the poles near the unit circle. The method `margins` of the loop is exact but
+    slower.
     """
     if not loop.is_stable():
         return math.inf

@@ -68,10 +68,7 @@ class GainSchedule:
         PIController(self.entries[0].gains, self.lead, self.lead_filter)  # raises InputError for invalid time constants
 
     def controller(self, speed: float, rail: Rail) -> PIController:
-        """Return the PI-lead with the gains for a speed (m/s, > 0) on a rail.
-
-        InputError for a speed that is not finite and positive, or a rail without entries.
-        """
+        """Return the PI-lead for a `speed`, m/s, > 0, on a `rail`; InputError if the rail has no entries."""
         number("speed", speed, "m/s", gt=0)
         mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
         if not mine:
@@ -95,7 +92,7 @@ class GainSchedule:
 
     @classmethod
     def from_json(cls, text: str) -> GainSchedule:
-        """Read a schedule written by `to_json`; InputError for any other text."""
+        """Read a schedule from text written by `to_json`; InputError for any other text."""
         try:
             content = json.loads(text)
             entries = []
@@ -158,10 +155,7 @@ class Scheduled(Controller):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Make the controller from the keys of its file.
-
-        The key "schedule" is a table, or the name of a file with the text of `GainSchedule.to_json`.
-        """
+        """Make the controller from the keys of its file; `schedule` is a table or the name of a JSON file."""
         if isinstance(content.get("schedule"), str):
             schedule = GainSchedule.from_json(read_text(path.parent / content["schedule"]))
             content = {**content, "schedule": schedule}
@@ -177,7 +171,6 @@ class Scheduled(Controller):
         return self
 
     def linear(self, point: OperatingPoint | None) -> PIController:
-        """Return the PI-lead with the gains for speed and rail of an operating point; InputError if `point` is None."""
         if point is None:
             raise InputError(f"controller {self.label}: its gains depend on the speed; give an operating point")
         return self.schedule.controller(point.speed, point.rail)
@@ -201,7 +194,7 @@ class Scheduled(Controller):
         }
 
     def _lead(self, h: float) -> tuple[float, float, float]:
-        """Return p, q0 and q1 of the sampled lead (q0 z + q1)/(z - p), for all speeds; h is the period, s."""
+        """Return p, q0 and q1 of the sampled lead (q0 z + q1)/(z - p), which is the same at all speeds."""
         design = PIController(PIGains(kp=1.0, ki=0.0), self.schedule.lead, self.schedule.lead_filter)
         limits = self.least_torque, self.largest_torque
         lead = SampledController(design, h, *limits, self.rule, self.tracking_time).transfer_function
@@ -247,7 +240,7 @@ class Scheduled(Controller):
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
         """Return the controller with the fields `given`, which include `schedule`.
 
-        By default the torque is limited to 0 and the full brake, and the anti-windup has the time `TRACKING_TIME`.
+        By default the torque is limited to 0 and the full brake, and the tracking time is `TRACKING_TIME`.
         """
         limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), "tracking_time": TRACKING_TIME}
         return cls(**{**limits, **given}).believing(vehicle)

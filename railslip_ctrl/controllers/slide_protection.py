@@ -25,12 +25,10 @@ class SlideProtection(Controller):
     """Slide protection with a valve: it dumps at large slip, fills at small slip, and holds the torque in between.
 
     The valve dumps if the slip is above `dump_slip`, or if it is above `fill_slip` and the wheel decelerates by more
-    than `dump_deceleration`. It fills if the slip is below `fill_slip`, and otherwise holds. The commanded torque
-    rises at `fill_rate` or falls at `dump_rate`, and stays between 0 and `torque_max`, the full brake. `reference` is
-    optional and used only to judge the slip.
-
-    The default slips are in the range in which wheel slide protection in service acts (5 to 30 %). The other defaults
-    are the results of `for_vehicle` for the vehicle of [Park2008]. InputError unless fill_slip < dump_slip.
+    than `dump_deceleration`. It fills if the slip is below `fill_slip`, and otherwise holds. The commanded torque rises
+    at `fill_rate` or falls at `dump_rate`, and stays between 0 and `torque_max`, the full brake. `reference` is
+    optional and used only to judge the slip. The default slips are in the range in which wheel slide protection in
+    service acts (5 to 30 %). InputError unless fill_slip < dump_slip.
     """
 
     kind: ClassVar[str] = "slide-protection"
@@ -112,7 +110,7 @@ class SlideProtection(Controller):
         0.05 N r, which the adhesion of a very slippery rail can transmit, and a dumping valve lowers it by 0.8 N r. N
         is the wheel load. `dump_deceleration` is the sum of two decelerations: that of the train on the best rail
         (0.35 g), and that of the rim by a random force of 0.0125 N ([Park2008] p. 55), which is 0.0125 N r^2/J. The
-        filter attenuates oscillations of the wheel speed that are not slides. The slip thresholds keep their defaults.
+        filter attenuates oscillations of the wheel speed that are not slides.
         """
         wheel, actuator = vehicle.wheel, vehicle.actuator
         time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default

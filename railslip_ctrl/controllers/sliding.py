@@ -24,14 +24,8 @@ from .assumed import BEFORE_LOAD, force_of
 from .base import Controller, Situation, layout_of, outside
 from .translate import ARGUMENTS, PARAMETERS
 
-FILTER_TIME = 0.1
-"""Time constant of the filter that estimates the train's acceleration v', s.
-
-[Park2008] does not state it. It hardly changes the results.
-"""
-
-_LEAST_SPEED = 1e-3
-"""Train speed, m/s, below which the assumed adhesion is set to 0: at standstill the slip ratio is not defined."""
+FILTER_TIME = 0.1  #: s, of the filter that estimates v'; not given by [Park2008], and of little effect
+_LEAST_SPEED = 1e-3  # m/s; below it the assumed adhesion is set to 0: at standstill the slip ratio is not defined
 
 
 @outside
@@ -49,10 +43,10 @@ def law_step(state: Any, v: Any, omega: Any, Ta: Any, parameters: Any) -> Any:
 class Sliding(Controller):
     """Sampled sliding-mode law of [Park2008] (45), derived by `sliding.derivation`.
 
-    The law needs the adhesion torque Ta, which is not measured. The controller computes Ta from an adhesion law at the
-    measured slip velocity, without dynamics of the adhesion. This law is `adhesion` or, by default, the adhesion law of
-    the run. When the rail changes, the reference slip changes; if `knows_rail` is True, the assumed adhesion law
-    changes too. InputError: torque_min >= torque_max.
+    The law needs the adhesion torque Ta, which is not measured. The controller computes Ta at the measured slip
+    velocity from the static force of `adhesion` or, by default, of the adhesion law of the run. When the rail changes,
+    the reference slip changes; if `knows_rail` is True, the assumed adhesion law changes too. InputError: torque_min >=
+    torque_max.
     """
 
     kind: ClassVar[str] = "asmc"
@@ -86,7 +80,7 @@ class Sliding(Controller):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Make the controller from the keys of its file; "adhesion" is a file name, or a table with an adhesion law."""
+        """Make the controller from the keys of its file; `adhesion` is a table with a law, or the name of its file."""
         v0 = None if initial_speed is None else initial_speed / KMH
         if isinstance(given := content.get("adhesion"), str):
             if not given.lower().endswith(".toml"):
@@ -143,7 +137,6 @@ class Sliding(Controller):
         )
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
-        """Return the parameters of the generated law by name, with those of the adhesion law as the array `assumed`."""
         assert self.wheel_load is not None, "`believing` sets it"
         assert self.inertia_scale is not None, "`believing` sets it"
         assert self.nominal_mass is not None, "`believing` sets it"
@@ -225,16 +218,13 @@ class Sliding(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the fields `given`; those that are not given it takes from the vehicle."""
+        """Return the controller with the fields `given`; the other fields are those of the vehicle."""
         return cls(**given).believing(vehicle)
 
 
 @cache
 def _force_text(kind: type[Sliding], model: type[AdhesionLaw] | None) -> str:
-    """Return source text, for the compiled simulation, of `assumed_force` and of the adhesion law that it calls.
-
-    If `model` is None, `assumed_force` calls the adhesion law of the run, which the simulation already contains.
-    """
+    """Return the source of `assumed_force` for the compiled simulation; it calls `model`, or else the run's law."""
     own, prefix = ("", "") if model is None else (prefixed(scalar_source(model), "own_"), "own_")
     return f"""{own}
 @compiled

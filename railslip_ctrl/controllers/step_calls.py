@@ -10,25 +10,16 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 STEP = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.c_void_p)
-"""C type of a step: a function of time (s), train speed (m/s), wheel speed (rad/s) and the address of the state.
-
-It returns the torque (N*m).
-"""
+"""C type of a step: torque (N*m) from time (s), train speed (m/s), wheel speed (rad/s) and address of the state."""
 
 
 def address_of(step: Any) -> int:
-    """Return the address of `step`, a function of the type `STEP`.
-
-    The caller must keep the object `step` alive as long as the address is used.
-    """
+    """Return the address of `step`, a function of the type `STEP`, which the caller must keep alive."""
     return ctypes.cast(step, ctypes.c_void_p).value or 0
 
 
 def call_step(address: float, t: float, v: float, omega: float, x: Any) -> float:
-    """Return the torque, N*m, of the step at an `address`; compiled code calls `_compiled_call` instead.
-
-    t is the time, s, v the train speed, m/s, omega the wheel speed, rad/s, and x the state, 1-D.
-    """
+    """Return the torque, N*m, of the step at an `address` for time t, speeds v and omega, and state x, SI."""
     return float(STEP(int(address))(t, v, omega, x.ctypes.data))
 
 

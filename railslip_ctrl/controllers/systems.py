@@ -1,8 +1,8 @@
 """Transfer functions of linear controllers, and the wheel-slip loop of a controller.
 
-The loop transfer function is L(s) = C(s) Ga(s) P(s). C is the controller, from the slip-velocity error
-e = lambda_d v - sigma to the commanded brake torque. Ga is the brake actuator with its dead time. P is the wheel, from
-acting torque to -e. More torque gives more slip, so that P > 0 and the feedback is negative.
+The loop transfer function is L(s) = C(s) Ga(s) P(s). C is the controller, from the slip-velocity error e = lambda_d v -
+sigma to the commanded brake torque. Ga is the brake actuator with its dead time. P is the wheel, from acting torque to
+-e. More torque gives more slip, so that P > 0 and the feedback is negative.
 """
 
 from __future__ import annotations
@@ -93,7 +93,6 @@ class _System:
 
     @property
     def structure(self) -> str:
-        """Type and order of the system in a few words."""
         system = self.transfer_function
         if system.poles.size == 0 and self.period is None:
             return f"gain {system.gain:g} N*m/(m/s)"
@@ -166,17 +165,15 @@ def plain_number(value: float | tuple[Any, ...]) -> str:
 
 
 LinearController = PIController | PolynomialController | StateSpaceController
-"""Types of the records that `linear_controller` returns."""
 
 
 @checked
 def linear_controller(controller: Any, point: OperatingPoint | None = None) -> LinearController:
     """Convert a linear controller, from slip error e (m/s) to torque (N*m), to a `LinearController`.
 
-    - controller: linear system: `PIGains`, `PIController`, python-control TransferFunction or StateSpace, scipy.signal
-      system, `Rational` or a real number; or an object with a method `linear(operating_point)` that returns one of
-      these.
-    - point: operating point with which the method `linear` is called; not used for other objects.
+    - controller: `PIGains`, `PIController`, python-control TransferFunction or StateSpace, scipy.signal system,
+      `Rational`, a real number, or an object with a method `linear(operating_point)` that returns one of these.
+    - point: operating point with which the method `linear` is called.
 
     InputError: any other object, for example a function, or an object that has a method `step` but no `linear`.
     """
@@ -214,7 +211,6 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
 
 
 def _check_object(controller: Any) -> None:
-    """Raise InputError if a controller is given as text or as a class."""
     if isinstance(controller, str):
         raise InputError(
             f"controller: {shown(controller)} is text; give a controller object, or read the file with load_controller"
@@ -224,7 +220,6 @@ def _check_object(controller: Any) -> None:
 
 
 def _linear_kind(controller: Controller, point: OperatingPoint | None) -> LinearController:
-    """Return the linear system of a `Controller` at an operating point; InputError if it has none."""
     system = controller.linear(point)
     if system is None:
         raise InputError(
@@ -234,10 +229,7 @@ def _linear_kind(controller: Controller, point: OperatingPoint | None) -> Linear
 
 
 def linear_of(controller: Any) -> Any:
-    """Return the attribute `linear` of an object; None if it has none.
-
-    InputError if `linear` is a property that raises an error.
-    """
+    """Return the attribute `linear` of an object, or None; InputError if it is a property that fails."""
     try:
         return controller.linear
     except Exception as error:  # a user's property may fail in any way
@@ -249,10 +241,6 @@ def linear_of(controller: Any) -> Any:
 
 
 def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:
-    """Return the linear system that the user's method `linear` returns at an operating point.
-
-    InputError if `point` is None, or if the method fails or returns something else.
-    """
     if point is None:
         raise InputError(f"controller {name}: its linear system depends on the operating point; give a point")
     try:
@@ -284,12 +272,10 @@ def is_system(controller: Any) -> bool:
 
 
 def has_step(controller: Any) -> bool:
-    """Return True for a function, and for an object with a method `step` that is not a linear system.
-
-    In linear systems of scipy.signal the method `step` computes the step response.
-    """
+    """Return True for a function, and for an object with a method `step` that is not a linear system."""
     if isinstance(controller, Controller):
         return False
+    # the method `step` of a linear system of scipy.signal computes the step response
     return is_function(controller) or (hasattr(controller, "step") and not is_system(controller))
 
 
@@ -311,8 +297,7 @@ def _name(thing: Any) -> str:
 def controller_system(controller: Any, point: OperatingPoint | None = None) -> Rational:
     """Return the transfer function C(s), N*m/(m/s), of a continuous linear controller at an operating point.
 
-    Arguments and errors are those of `linear_controller`. A discrete controller is also an InputError; use
-    `wheel_slip_loop` to compute its margins.
+    Arguments and errors are those of `linear_controller`; a discrete controller is also an InputError.
     """
     if isinstance(controller, Rational):
         return controller
@@ -326,7 +311,7 @@ def controller_system(controller: Any, point: OperatingPoint | None = None) -> R
 
 
 def polynomials(controller: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return numerator and denominator of a continuous linear controller, each as coefficients of descending powers."""
+    """Return numerator and denominator of a continuous linear controller, in descending powers of s."""
     num, den = (polynomial.coeffs()[::-1] for polynomial in controller_system(controller).polynomials)
     return tuple(map(float, num)), tuple(map(float, den))
 
@@ -335,10 +320,8 @@ def polynomials(controller: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     """Return the transfer function, (m/s)/(N*m), of brake lag and wheel in series, without the dead time.
 
-    Its input is the commanded torque, its output -e, the negative slip error.
-
-    - plant: linear wheel.
-    - actuator: brake actuator; only its lag, s, is used.
+    Its input is the commanded torque, its output -e, the negative slip error. `plant` is the linear wheel; of the
+    `actuator`, only the lag, s, is used.
     """
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
@@ -356,10 +339,9 @@ def wheel_slip_loop(plant: LinearPlant | OperatingPoint, controller: Any, actuat
       `linear_controller` accepts, or a `Controller` that computes its loop itself (method `loop`).
     - actuator: the brake Ga with dead time and lag, s; by default that of the operating point's vehicle.
 
-    Returns the dimensionless loop L for unity negative feedback. It is a `SampledLoop` for a discrete controller, the
-    result of the method `loop` for a controller that computes its loop itself (for the seeking controller a
-    `DelayedLoop`, which contains delays inside the loop), and a `DeadTimeLoop` otherwise.
-    InputError: an argument of wrong type, or a controller without a transfer function.
+    Returns the dimensionless loop for unity negative feedback: the result of the method `loop`, a `SampledLoop` for a
+    discrete controller, or else a `DeadTimeLoop`. InputError: an argument of wrong type, or a controller without a
+    transfer function.
     """
     if isinstance(plant, OperatingPoint):
         plant = linearize(plant)

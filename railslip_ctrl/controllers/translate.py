@@ -1,10 +1,9 @@
 """Translates the control law of a controller, its function `step`, for the compiled simulation.
 
-The function step(state, measurement, parameters) has three records as arguments. It is read from its Python source. The
-function and the functions that it calls compute only with numbers. They may use assignments, `if`, `while`,
-`for ... in range(...)`, `return`, the functions `min`, `max`, `abs`, `int`, `float` and `len`, functions of `math`
-(`MATH`), and constants of their modules. They may read fields of the three records, but write only fields of the state.
-`c_code` translates the same functions to C99.
+The function step(state, measurement, parameters) and the functions that it calls are read from their Python source.
+They may use numbers, assignments, `if`, `while`, `for ... in range(...)`, `return`, the functions `min`, `max`, `abs`,
+`int`, `float` and `len`, functions of `math` (`MATH`), constants of their modules, and the fields of the three records,
+of which they may write only those of the state.
 """
 
 from __future__ import annotations
@@ -26,18 +25,16 @@ from railslip_ctrl.core.user_files import place
 F = TypeVar("F", bound=Callable[..., Any])
 
 STATE, MEASUREMENT, PARAMETERS = "state", "measurement", "parameters"
-ROLES = (STATE, MEASUREMENT, PARAMETERS)
-"""Roles of the three arguments of a function `step`, in order."""
+ROLES = (STATE, MEASUREMENT, PARAMETERS)  #: roles of the arguments of `step`, in order
 
+# fields of a measurement, with their names in the translated text
 MEASURED = MappingProxyType({"time": "_t", "train_speed": "_v", "wheel_speed": "_omega", "applied_torque": "_applied"})
-"""Fields of a measurement (s, m/s, rad/s, N*m), each with its name in the translated text."""
-
 BUILTINS = ("min", "max", "abs", "int", "float", "len", "range")
+# functions of `math` that Numba and C also have, with their numbers of arguments
 MATH = {
     **dict.fromkeys(("exp", "log", "sqrt", "fabs", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "isfinite"), 1),
     **dict.fromkeys(("pow", "atan2", "hypot", "copysign"), 2),
 }
-"""Functions of `math` that Numba and C also have, each with its number of arguments."""
 _NODES = (
     *(ast.FunctionDef, ast.arguments, ast.arg, ast.Assign, ast.AugAssign, ast.Expr, ast.If, ast.While, ast.For),
     *(ast.Return, ast.Pass, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Constant),
@@ -45,20 +42,17 @@ _NODES = (
     *(ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Mod, ast.Pow, ast.USub, ast.UAdd, ast.Not, ast.And, ast.Or),
     *(ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq),
 )
-_LARGEST_WHOLE = 2**31 - 1
-"""Largest integer constant that a step may contain: the largest signed integer of 32 bits."""
+_LARGEST_WHOLE = 2**31 - 1  # largest signed integer of 32 bits
 
 
 @dataclass(frozen=True)
 class Function:
     """Source of a function `step`, or of a function that it calls.
 
-    - name: name of the function, unique among the functions that are translated together.
+    - name: unique among the functions that are translated together.
     - node: syntax tree of the function, without decorators, annotations and docstring.
-    - doc: docstring of the function.
-    - roles: for each argument that is a record, which one: "state", "measurement" or "parameters".
-    - constants: values of the constants that the function uses, by name.
-    - calls: functions that the function calls, by the names that it uses for them.
+    - roles: role of each argument that is a record: "state", "measurement" or "parameters".
+    - constants, calls: values of the constants, and functions called, by name.
     - is_outside: True if the function is marked as `outside` and is therefore not translated.
     """
 
@@ -72,11 +66,9 @@ class Function:
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """Names of the arguments, in order."""
         return tuple(argument.arg for argument in self.node.args.args)
 
     def role(self, node: ast.AST) -> str | None:
-        """Return which record an expression is ("state", "measurement" or "parameters"); None if it is no record."""
         return self.roles.get(node.id) if isinstance(node, ast.Name) else None
 
     def all(self) -> dict[str, Function]:
@@ -102,10 +94,8 @@ def with_functions(step: Callable[..., Any], functions: Mapping[str, Callable[..
 def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) -> Function:
     """Read the source of a function `step` and of all functions that it calls.
 
-    - roles: for each argument that is a record, by name, one of `ROLES`. By default the first three arguments are
-      state, measurement and parameters.
-
-    InputError, with file and line, for code that cannot be translated.
+    `roles` are the roles of arguments by name; by default the first three arguments have the roles `ROLES`. InputError,
+    with file and line, for code that cannot be translated.
     """
     arguments = tuple(inspect.signature(step).parameters)[: len(ROLES)]
     if roles is None and len(arguments) < len(ROLES):
@@ -132,7 +122,6 @@ def ends(nodes: Sequence[ast.stmt]) -> bool:
 
 
 def _place(function: Any, line: int) -> str:
-    """Return text with the file and the line of a place in a function; `line` is 0 for its first line."""
     return place(function.__code__.co_filename, function.__code__.co_firstlineno + line)
 
 
@@ -142,10 +131,6 @@ def _read(
     known: dict[FunctionType, Function],
     above: tuple[FunctionType, ...],
 ) -> Function:
-    """Read a function and the functions that it calls.
-
-    `known` contains the functions that are already read, `above` the functions that call this one.
-    """
     if function in above:
         raise InputError(f"{_place(function, 0)}: {function.__name__} calls itself; write a loop")
     if function in known:
@@ -185,13 +170,11 @@ def _read(
 
 
 def _check(read: Function, function: FunctionType) -> None:
-    """Raise InputError for code outside the subset of Python that a step may use."""
     for node, why in _faults(read):
         raise InputError(f"{_place(function, getattr(node, 'lineno', 1) - 1)}: {why}")
 
 
 def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
-    """Yield the nodes that are not allowed in a step, each with the reason."""
     parts = list(ast.walk(read.node))
     by_name = {id(part) for node in parts if isinstance(node, ast.Call) for part in node.args}
     by_name |= {id(node.value) for node in parts if isinstance(node, ast.Attribute)}
@@ -219,7 +202,6 @@ def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _constant_faults(node: ast.Constant) -> Iterator[tuple[ast.AST, str]]:
-    """Yield a constant that is not allowed, with the reason."""
     if not isinstance(node.value, int | float):
         yield node, f"{node.value!r} is not a number; a step may use only numbers"
     elif isinstance(node.value, int) and node.value > _LARGEST_WHOLE:
@@ -227,7 +209,6 @@ def _constant_faults(node: ast.Constant) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
-    """Yield a call that is not allowed, with the reason."""
     if isinstance(node.func, ast.Attribute) and MATH.get(node.func.attr) != len(node.args):
         yield (
             node,
@@ -236,7 +217,6 @@ def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tuple[ast.AST, str]]:
-    """Yield returns that are not allowed, with the reason."""
     if len({_values(node) for node in returns}) > 1:
         yield returns[-1], "the returns give different numbers of values; return the same number of values everywhere"
     if returned_values(read) and not ends(read.node.body):
@@ -244,7 +224,6 @@ def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tu
 
 
 def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterator[tuple[ast.AST, str]]:
-    """Yield a use of a field, or of an element of an array, that is not allowed, with the reason."""
     field_ = node.value if isinstance(node, ast.Subscript) else node
     if isinstance(node.ctx, ast.Store) and (not isinstance(field_, ast.Attribute) or read.role(field_.value) != STATE):
         yield node, f"{ast.unparse(node)} is written; a step may write only the state"
@@ -253,7 +232,6 @@ def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterat
 
 
 def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.AST, str]]:
-    """Yield a `for` loop that is not allowed, with the reason; `parts` are all nodes of the function."""
     call, target = loop.iter, loop.target
     is_range = isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"
     if not (is_range and 1 <= len(call.args) <= 2 and isinstance(target, ast.Name)):  # type: ignore[attr-defined]
@@ -273,7 +251,6 @@ def _is_loop(node: ast.AST, name: str) -> bool:
 def _names(
     read: Function, function: FunctionType, known: dict[FunctionType, Function], above: tuple[FunctionType, ...]
 ) -> tuple[dict[str, float | int | bool], dict[str, Function]]:
-    """Return the constants and the functions that a function uses, by name."""
     parts = list(ast.walk(read.node))
     stored = {part.id for part in parts if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
     own = stored | set(read.arguments)
@@ -312,16 +289,13 @@ def _is_name(node: ast.AST, name: str) -> bool:
     return isinstance(node, ast.Name) and node.id == name
 
 
-# --- the text of a kernel ---------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Layout:
     """Positions of a controller's numbers in two arrays of the compiled simulation: state `_x`, parameters `_c`.
 
-    `_x` contains the scalars of the state, then the arrays of the state one after the other. `_c` contains in this
-    order: `first` numbers of the simulation itself; the scalar parameters; start index and length of each array
-    parameter and of each array of the state; the array parameters one after the other.
+    `_x` contains the scalars of the state, then its arrays. `_c` contains in this order: `first` numbers of the
+    simulation; the scalar parameters; start index and length of each array parameter and each array of the state; the
+    array parameters.
     """
 
     state: tuple[str, ...]
@@ -331,10 +305,7 @@ class Layout:
     first: int
 
     def row(self, values: Mapping[str, Any], state_sizes: Sequence[int]) -> tuple[float, ...]:
-        """Return the part of `_c` from index `first` on.
-
-        `values` are the parameters by name, `state_sizes` the lengths of the arrays of the state.
-        """
+        """Return `_c` from index `first` on, from parameter `values` and `state_sizes`, the lengths of state arrays."""
         arrays = [tuple(map(float, values[name])) for name in self.parameter_arrays]
         index = self.first + len(self.parameters) + 2 * (len(arrays) + len(state_sizes))
         header: list[float] = []
@@ -349,7 +320,7 @@ class Layout:
         return (*scalars, *header, *(number for array in arrays for number in array))
 
     def scalar(self, role: str, name: str) -> str | None:
-        """Return the translated text of a scalar field, for example "_x[2]"; None if the field is not a scalar."""
+        """Return the text of a scalar field, for example "_x[2]"; None if the field is not a scalar."""
         if role == MEASUREMENT:
             return MEASURED.get(name)
         names, array, first = (self.state, "_x", 0) if role == STATE else (self.parameters, "_c", self.first)
@@ -376,9 +347,8 @@ ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
 def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
     """Return the translation of `step` and of the functions that it calls, as text for the compiled simulation.
 
-    The last function of the text has the name `command` and calls `step`. Its arguments are the state array, time,
-    train speed, wheel speed, applied torque, parameter array and adhesion table, then those of `step` that are no
-    records.
+    The last function of the text has the name `command` and calls `step`. Its arguments are `ARGUMENTS`, then the
+    arguments of `step` that are not records.
     """
     functions = [function for function in step.all().values() if not function.is_outside]
     printed = [f"@compiled\n{ast.unparse(_Printer(function, layout).printed())}\n" for function in functions]
@@ -409,7 +379,6 @@ class _Printer(ast.NodeTransformer):
         return ast.fix_missing_locations(definition)
 
     def _prologue(self) -> Iterable[ast.stmt]:
-        """Yield statements that read the start index and the length of each array that the function uses."""
         for name, header in self._arrays.items():
             yield from ast.parse(f"_at_{name} = int(_c[{header}])\n_len_{name} = int(_c[{header + 1}])").body
 
@@ -443,7 +412,6 @@ class _Printer(ast.NodeTransformer):
         return ast.Subscript(ast.Name(array, ast.Load()), index, node.ctx)
 
     def _array(self, node: ast.expr) -> tuple[int, str, str]:
-        """Return for an array field the result of `Layout.array_header`, its name in variables, and "_x" or "_c"."""
         if not isinstance(node, ast.Attribute) or (role := self._function.role(node.value)) is None:
             raise InputError(
                 f"{self._function.name}: {ast.unparse(node)} is not an array; give an array of state or parameters"

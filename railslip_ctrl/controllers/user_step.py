@@ -1,8 +1,7 @@
 """Controllers whose control law is a user's object or function, in Python or compiled by Numba.
 
-The simulation calls this function, the step, by its address once a sample, with the time (s), the measured train speed
-(m/s) and the measured wheel speed (rad/s). The step returns the torque to command until the next sample, N*m. The
-simulation is not compiled again for another step.
+The simulation calls this function, the step, by its address once a sample, so that it is not compiled again for another
+step.
 """
 
 from __future__ import annotations
@@ -39,10 +38,7 @@ ADDRESS = 1  #: index of the step's address among the controller's numbers in a 
 
 
 class UserStep:
-    """A user's control law: `thing` is a function, or an object with a method `step(t, v, omega)`.
-
-    The function may be a Python function or compiled by Numba.
-    """
+    """A user's control law: a function, in Python or compiled by Numba, or an object with a step(t, v, omega)."""
 
     def __init__(self, thing: Any) -> None:
         self.thing = thing
@@ -54,12 +50,10 @@ class UserStep:
 
     @property
     def function(self) -> Any:
-        """The function itself, or the method `step` of the object."""
         return self.thing if is_function(self.thing) else getattr(self.thing, "step", None)
 
     @property
     def is_numba(self) -> bool:
-        """True if the function is compiled by Numba, so that it runs without the Python interpreter."""
         return hasattr(self.function, "py_func")
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -80,7 +74,6 @@ class UserStep:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the source code, and of the attributes of the object unless its step is compiled by Numba."""
         of = getattr(self.thing, "py_func", self.thing)
         try:
             source = inspect.getsource(of if inspect.isfunction(of) else type(of))
@@ -99,12 +92,12 @@ def _unpacked(content: bytes) -> UserStep:
 class StepControl(Controller):
     """Controller whose control law is a user's Python object or function.
 
-    - thing: a function step(t, v, omega), in Python or compiled by Numba, or an object with the method
-      `step(t, v, omega)`. It returns the torque (N*m) for time (s), train speed (m/s) and wheel speed (rad/s). If the
-      object has a method `reset(t, v, omega)`, it is called once before the first sample. Each run uses a copy of the
-      object; an object that cannot be copied needs `reset`.
-    - start_numbers: initial state of a function, 1-D, in any units. If it is given, the function is
-      step(t, v, omega, x) and updates the state, the array x.
+    - thing: a function step(t, v, omega), in Python or compiled by Numba, or an object with the method `step(t, v,
+      omega)`. It returns the torque (N*m) for time (s), train speed (m/s) and wheel speed (rad/s). Each run copies the
+      object and calls its method `reset(t, v, omega)`, if it has one, before the first sample. An object that cannot be
+      copied needs `reset`.
+    - start_numbers: initial state of a function step(t, v, omega, x), 1-D, in any units; the function updates the array
+      x.
 
     `reference` is used only to judge the slip. InputError if `thing` has no step that can be called.
     """
@@ -136,7 +129,6 @@ class StepControl(Controller):
         return {f"x{i + 1}": i for i in range(len(self.start_numbers))}
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """Return the result of the object's method `linear` at an operating point; InputError if it has none."""
         return linear_controller(self.thing.thing, point)
 
     @property
@@ -183,10 +175,7 @@ def command({", ".join(ARGUMENTS)}):
 
 
 class PythonCall:
-    """Python step wrapped as a C function, which the simulation calls by its `address`.
-
-    Each sample calls the step in the Python interpreter once.
-    """
+    """Python step wrapped as a C function, which the simulation calls by its `address`."""
 
     def __init__(self, control: StepControl, v: float, omega: float) -> None:
         from .step_calls import STEP, address_of
@@ -235,10 +224,7 @@ class PythonCall:
         return thing.step  # type: ignore[no-any-return]
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise the InputError of a step that failed or returned an invalid torque at a sample; else do nothing.
-
-        Time t (s), train speed `v` (m/s), wheel speed `omega` (rad/s), state `x` (1-D) and `ended` are not used.
-        """
+        """Raise the InputError of a step that failed or returned an invalid torque at a sample."""
         if self._error is not None:
             error, at = self._error
             if not isinstance(error, Exception):  # KeyboardInterrupt and the like
@@ -249,7 +235,7 @@ class PythonCall:
 
 
 class NumbaCall:
-    """Step compiled by Numba to a C function, which the simulation calls by its `address` without the interpreter."""
+    """Step compiled by Numba to a C function, which the simulation calls by its `address`."""
 
     def __init__(self, control: StepControl) -> None:
         self._control, self._count = control, len(control.start_numbers)
@@ -257,33 +243,22 @@ class NumbaCall:
         self.address = int(self._compiled.address)
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise the InputError of the step if the run `ended` because the torque was not finite; else do nothing.
-
-        To find the error, the Python source of the step is called once more with the values at which the run ended:
-        time t (s), train speed `v` (m/s), wheel speed `omega` (rad/s) and state `x` (1-D).
-        """
+        """Raise the InputError of a step that returned an invalid torque, if the run `ended` for that reason."""
         if not ended:
             return
         numbers = (x,) if self._count else ()
         try:
-            torque = self._control.thing.function.py_func(t, v, omega, *numbers)
+            torque = self._control.thing.function.py_func(t, v, omega, *numbers)  # again, to find the error
         except Exception as error:  # the user's function may fail in any way
             raise self._control.failed(error, t) from error
         if not (isinstance(torque, Real) and math.isfinite(torque)):
             raise self._control.refused(torque, t)
 
 
-_COMPILED: dict[tuple[int, int], tuple[Any, Any]] = {}
+_COMPILED: dict[tuple[int, int], tuple[Any, Any]] = {}  # each process compiles a function only once
 
 
 def _compiled(function: Any, count: int, name: str) -> Any:
-    """Return the user's function compiled to a C function.
-
-    - count: number of elements of the state x; 0 for a function without a state.
-    - name: label of the controller, for messages.
-
-    Each process compiles a function only once.
-    """
     from numba import carray, cfunc, types
     from numba.core.errors import NumbaError
 
@@ -315,10 +290,10 @@ def _compiled(function: Any, count: int, name: str) -> Any:
 
 
 def _compile_failure(function: Any, error: BaseException) -> str:
-    """Return a message with the file and line of the user's code that Numba cannot compile, and with the reason."""
     reason = numba_reason(error)
     missing = re.match(r"NameError: name '(\w+)'", reason)
     code = function.py_func.__code__
+    # Numba's message for a missing global names no line
     where = (_use_of(missing[1], function) if missing else None) or _stopped_at(str(error))
     where = where or (code.co_filename, code.co_firstlineno)
     return f"{place(*where)}: Numba cannot compile step: {reason}"
@@ -335,20 +310,13 @@ def numba_reason(error: BaseException) -> str:
 
 
 def _stopped_at(text: str) -> tuple[str, int] | None:
-    """Return the first file and line that a Numba message names outside of libraries; None if there is none.
-
-    The message names the innermost call first.
-    """
     libraries = (__file__, *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
     lines = ((os.path.abspath(file), int(line)) for file, line in re.findall(r'File "([^"]+)", line (\d+)', text))
+    # Numba names the innermost call first
     return next((line for line in lines if not line[0].startswith(libraries)), None)
 
 
 def _use_of(name: str, function: Any, seen: tuple[Any, ...] = ()) -> tuple[str, int] | None:
-    """Return the file and line at which a Numba function, or a function that it calls, uses a global `name`.
-
-    None if the name is not used. Numba's own message for a missing global states the name, but no line.
-    """
     of = function.py_func
     for instruction in dis.get_instructions(of):
         if instruction.opname == "LOAD_GLOBAL" and instruction.argval == name and instruction.positions is not None:
