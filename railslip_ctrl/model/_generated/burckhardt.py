@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "6896bcda4cc73f70cb26899564d27286c743d9f98fe9aa345060f4dded9a1228"
+SOURCES_SHA256 = "23a357d992edd40610e242bd4ffed77c2196e278ab5a17bce8817f8efe8a4165"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "0d336996a1d851d9bdce1c17d8eb4a510fdc43db83a441f4a3a2e74bab3a07a2"
+SOURCES_SHA256 = "5fa0b4d9d65ca02a7527cdc08ffefe414be1ce9115a1f1a8f940e351d8adaee7"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
