@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-
 _HEAD = '''"""A simulation kernel, assembled by railslip_ctrl.model.kernels: law {law!r}."""
 import math
 from typing import NamedTuple
@@ -95,8 +94,7 @@ def scalar_source(law: type[AdhesionLaw]) -> str:
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
     """Text of a kernel module: the functions of an adhesion law, then `parts`, texts of code that calls them.
 
-    Python calls the function `run`, which one of the parts defines with the decorator `entry`. `compiled` is true for
-    Numba and false for plain Python.
+    One part defines `run`, the function that Python calls. `compiled`: for Numba; otherwise for plain Python.
     """
     head = _HEAD.format(law=law.name, marker=COMPILED if compiled else _INTERPRETED)
     return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
@@ -141,7 +139,6 @@ rates = _placeholder("rates")
 rates_and_powers = _placeholder("rates_and_powers")
 rest_state = _placeholder("rest_state")
 stiffness = _placeholder("stiffness")
-
 
 logger = logging.getLogger(__name__)
 

@@ -1,7 +1,4 @@
-"""Operating points of braking at constant slip, and the plant linearised there.
-
-Braking at constant slip is not an equilibrium, because the train speed v falls: only lambda' and z' are 0.
-"""
+"""Operating points of braking at constant slip, and the plant linearised there."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ _LIMIT_TOLERANCE = 1e-6  # largest relative difference between the Jacobian at s
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Operating point of braking at constant slip.
+    """Operating point of braking at constant slip; the train speed falls, so that it is not an equilibrium.
 
     - law, vehicle, rail: adhesion law, quarter car and rail condition of the point.
     - speed: v, m/s.
@@ -111,9 +108,8 @@ def operating_point(
     - rail: rail condition, used only as a label; by default that of the law.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h, used only as a label.
 
-    InputError: an argument of wrong type, or a law for another wheel load than the vehicle's. DomainError: a speed or
-    slip outside its range or outside the domain of the law. KinkError: slip 0 with a dynamic law, which has no unique
-    steady state there.
+    InputError: a law for another wheel load than the vehicle's. DomainError: a speed or slip outside the domain of the
+    law. KinkError: slip 0 with a dynamic law, which has no unique steady state there.
     """
     if initial_speed_kmh is not None:
         number("initial_speed_kmh", initial_speed_kmh, "km/h", gt=0)
@@ -251,7 +247,7 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     - point: from `operating_point`.
     - speed_state: if true, v is the first state; by default the speed is constant.
 
-    InputError: an argument of wrong type. KinkError: the law has no unique derivative at the slip of the point.
+    KinkError: the law has no unique derivative at the slip of the point.
     """
     law = point.law
     for kink in law.kinks(point.speed, point.vehicle.wheel_load):
@@ -266,15 +262,12 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
         limit = 2.0 * _jacobian(point, step) - _jacobian(point, 2.0 * step)
         # Jacobian and limit differ if the law's equations contain sign(sigma)
         if not np.allclose(full, limit, rtol=0.0, atol=_LIMIT_TOLERANCE * np.max(np.abs(limit))):
-            raise KinkError(
-                f"slip: 0 at {point.speed_kmh:g} km/h is a kink of the equations of adhesion {law.name!r}; linearise "
-                "at a slip > 0"
-            )
+            raise KinkError(f"slip: 0 is a kink of adhesion {law.name!r}; linearise at a slip > 0")
     return _linear_plant(point, full, speed_state=speed_state)
 
 
 def _jacobian(point: OperatingPoint, sigma: float) -> Floats:
-    """Jacobian of the rates of v, sigma and z at the operating point, but with the slip velocity `sigma`, m/s."""
+    """Jacobian of the rates of v, sigma and z at the operating point, but at the slip velocity `sigma`."""
     law = point.law
     functions, p = numeric_plant(type(law)), plant_parameters(law, point.vehicle)
     z = point.adhesion_state or 0.0
@@ -303,8 +296,7 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
     - reference_slip: lambda_d, a ratio, 0 <= reference_slip < 1; the output "error" is reference_slip v - sigma.
 
     States: v (m/s, > 0), sigma (m/s) and, for a dynamic law, z (m). Inputs: brake, disturbance and random adhesion
-    torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v (m/s), omega (rad/s). InputError: an argument of wrong
-    type, or a reference slip outside its range.
+    torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v (m/s), omega (rad/s).
     """
     import control
 

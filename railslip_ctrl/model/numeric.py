@@ -29,9 +29,7 @@ from .vehicle import GRAVITY, Vehicle
 PACKAGE = Path(__file__).parents[1]
 GENERATED = PACKAGE / "model" / "_generated"
 
-WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance")
-"""Names of the energy sinks of train and wheel, in the order of `plant.powers`."""
-
+WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance")  #: energy sinks of train and wheel
 NumericPlant: TypeAlias = ModuleType  #: module with the numeric functions of an adhesion law
 
 
@@ -145,10 +143,10 @@ TABLE_INTERVALS = 4096  #: intervals of a table; the interpolated bristle curve 
 
 @lru_cache(maxsize=32)  # the controllers of a campaign share the rails; a table costs as much as half a run
 def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
-    """Table of the force of a law without closed form, over slip ratios 0 to 1 at a wheel load, N; else [0].
+    """Table of the force of a law without closed form, over slip ratios 0 to 1 at a wheel load, N; [0] for other laws.
 
     The first element is the number of intervals per unit of slip. Then each node has two elements: the force, N, and
-    its slope over slip times the node distance, N. The table ends at the domain limit of the law.
+    its slope over slip times the node distance, N.
     """
     if not has_table(type(law)):
         return np.zeros(1)

@@ -121,9 +121,7 @@ class Record(BaseModel):
     if not TYPE_CHECKING:  # type checkers know that the fields are frozen
 
         def __setattr__(self, name: str, value: object) -> None:
-            raise InputError(
-                f"{type(self).__name__}: {name} cannot be set; make a copy with model_copy(update={{{name!r}: ...}})"
-            )
+            raise InputError(f"{type(self).__name__}: {name} cannot be set; use model_copy(update={{{name!r}: ...}})")
 
     @field_validator("*", mode="before")
     @classmethod
@@ -149,16 +147,11 @@ class Wheel(Record):
 
     radius: float = quantity("m", "wheel radius r", gt=0)
     inertia: float = quantity("kg*m^2", "moment of inertia J", gt=0)
-    viscous_friction: float = quantity(
-        "N*m*s", "viscous torque coefficient B between brake pad and wheel", ge=0, default=0.0
-    )
+    viscous_friction: float = quantity("N*m*s", "viscous torque coefficient B at the brake pad", ge=0, default=0.0)
 
 
 class Resistance(Record):
-    """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s.
-
-    [Park2008] Table 1 has only the quadratic term.
-    """
+    """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s."""
 
     constant: float = quantity("N", "constant term", ge=0, default=0.0)
     linear: float = quantity("N/(m/s)", "coefficient of v", ge=0, default=0.0)
@@ -187,10 +180,8 @@ class Vehicle(Record):
     """Quarter car: the part of the train that one wheelset carries and brakes ([Park2008] Fig. 2).
 
     `inertia_scale` multiplies mass, wheel inertia and viscous friction only: 1 is SI; 3.6 reproduces the published
-    results, for which speeds were in km/h and forces in N. The equations of motion use the `effective_` values. A
-    change of mass does not change `wheel_load`.
-
-    InputError: as for any `Record`, and a loaded mass below the empty mass.
+    results, for which speeds were in km/h and forces in N. The equations of motion use the `effective_` values.
+    `mass_loaded` is at least `mass`. A change of mass does not change `wheel_load`.
     """
 
     name: str = Field(description="name of the vehicle in reports")
@@ -267,8 +258,7 @@ class Vehicle(Record):
 
 
 INITIAL_SPEED_KMH = 100.0  #: initial speed v0 of the published run, at which braking starts, km/h ([Park2008] p. 55)
-AS_PUBLISHED_INERTIA_SCALE = 3.6
-"""Inertia scale that reproduces the published results: speeds in km/h and forces in N without a conversion factor."""
+AS_PUBLISHED_INERTIA_SCALE = 3.6  #: reproduces the published results, with speeds in km/h and forces in N
 
 PARK2008 = Vehicle(
     name="Park et al. 2008, quarter car",
@@ -291,11 +281,7 @@ class PrintedPI(NamedTuple):
 
 
 class PrintedSliding(NamedTuple):
-    """Sliding-mode gains as printed in [Park2008] Table 4: D and rho in "1/h", K in "km/h^2", k without a unit.
-
-    This package takes D in N*m per km/h, K in N*m and rho in 1/s, so that D s and K sgn s are torques. It applies k to
-    s in km/h, Ta in N*m and omega = v_kmh/r.
-    """
+    """Sliding-mode gains as printed in [Park2008] Table 4; `sliding.law` has their units."""
 
     D: float
     K: float
@@ -345,10 +331,7 @@ USUAL_RANGES: Mapping[str, Any] = texts(__package__, "usual_ranges.toml")
 
 @checked
 def vehicle_warnings(vehicle: Vehicle) -> tuple[str, ...]:
-    """Warnings on implausible numbers of a `vehicle`, one sentence each; M, J and B are checked without inertia scale.
-
-    InputError: the argument is not a vehicle.
-    """
+    """Warnings on implausible numbers of a `vehicle`; M, J and B are checked without the inertia scale."""
     found: dict[str, str] = {}
     for key, usual in USUAL_RANGES.items():
         value, unit = _VALUES[key](vehicle), usual["unit"]
@@ -364,7 +347,7 @@ def vehicle_warnings(vehicle: Vehicle) -> tuple[str, ...]:
 
 @checked
 def notes_and_warnings(vehicle: Vehicle) -> tuple[str, ...]:
-    """Notes of a `vehicle` on assumptions, then its `vehicle_warnings`; InputError if it is not a vehicle."""
+    """Notes of a `vehicle` on assumptions, then its `vehicle_warnings`."""
     return (*vehicle.notes, *vehicle_warnings(vehicle))
 
 

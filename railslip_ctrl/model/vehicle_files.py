@@ -101,9 +101,7 @@ def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
         raise InputError(f"{where}: mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)")
     for name in ("axles", "vehicle_id"):
         if getattr(keys, name) is not None:
-            raise InputError(
-                f"{where}: {name} is used only with rolling_stock; remove {name} (mass is that of the quarter car)"
-            )
+            raise InputError(f"{where}: {name} is used only with rolling_stock; remove {name}")
 
 
 def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, source: str) -> Vehicle:
@@ -224,15 +222,10 @@ class RollingStock(Record):
 
 
 def read_rolling_stock(path: Path, *, vehicle_id: str | None = None, where: str = "") -> RollingStock:
-    """Read one vehicle from a railtoolkit file (YAML, no aliases).
-
-    - vehicle_id: id of the vehicle; not needed if the file has only one.
-    - where: beginning of error messages; by default the path.
-    """
+    """Read the vehicle `vehicle_id`, or the only one, from a railtoolkit file; error messages begin with `where`."""
     where = where or file_name(path)
     vehicles = _vehicles(_parse(read_text(path, where=where), where), where)
     chosen = _choose(vehicles, vehicle_id, where)
-    # an empty value in YAML is None
     given = {key: value for key, value in chosen.items() if isinstance(key, str) and value is not None}
     return validated(RollingStock, given, f"{where}: vehicle {shown(given.get('id'))}")
 

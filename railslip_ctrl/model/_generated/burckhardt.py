@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "23a357d992edd40610e242bd4ffed77c2196e278ab5a17bce8817f8efe8a4165"
+SOURCES_SHA256 = "471754c1f68465b55b1218996d4d46d63ebbbe047bfa584bf0a51f0574d9bba8"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "5fa0b4d9d65ca02a7527cdc08ffefe414be1ce9115a1f1a8f940e351d8adaee7"
+SOURCES_SHA256 = "0fd0e440f5743ca3b7655d4117868ebdc645941dac3072b184a37bb3e1accc89"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

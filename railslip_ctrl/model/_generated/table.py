@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "267c12584be8cb9fb959d1a1d408f334b350d5eb9ced2a0c4ba9b7f17b7977d4"
+SOURCES_SHA256 = "8cedca029b86d5638a59e88c2973eb15f8d02fb1d0f91342a525b86d51bdf002"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

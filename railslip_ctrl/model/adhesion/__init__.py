@@ -1,7 +1,4 @@
-"""Adhesion laws, published or from a file.
-
-To add a law, add a module with a subclass of `AdhesionLaw` to this package.
-"""
+"""Adhesion laws; to add a law, add a module with a subclass of `AdhesionLaw` to this package."""
 
 from __future__ import annotations
 
@@ -111,9 +108,7 @@ class LawFile(Record):
     law: str = Field(description="name of the law")
     condition: Rail = Field(Rail.DRY, description="rail condition of the parameters")
     parameters: dict[str, Any] = Field({}, description="parameters of the law")
-    polynomials: dict[str, Any] = Field(
-        {}, description="parameters as polynomials of v0 in km/h: constant, coefficient of v0, of v0^2 ..."
-    )
+    polynomials: dict[str, Any] = Field({}, description="parameters as polynomials of v0, km/h, constant first")
     initial_speed_range: tuple[float, ...] = quantity("km/h", "lowest and highest v0 of the log", default=())
     reference_slip: dict[str, Any] = Field({}, description="reference slip ratios, or lists of them over v0")
     wheel_load: float | None = quantity("N", "wheel load of the log", gt=0, default=None)
@@ -202,10 +197,7 @@ def law_of(keys: Any, where: str, initial_speed_kmh: float | None = None) -> Adh
 def keys_of(law: AdhesionLaw) -> dict[str, Any]:
     """Keys from which `law_of` makes the law again; InputError for a law that a user's file defines."""
     if law_classes().get(law.name) is not type(law):
-        raise InputError(
-            f"adhesion: law {law.name!r} is defined in a user's Python file and cannot be saved with a controller; "
-            "use a law of this package"
-        )
+        raise InputError(f"adhesion: law {law.name!r} of a Python file cannot be saved; use a law of this package")
     slips = {} if law.reference is None else {"reference_slip": {"dry": law.reference.dry, "wet": law.reference.wet}}
     return {
         "law": law.name,
@@ -272,7 +264,6 @@ def _python_law(path: Path) -> AdhesionLaw:
     law = record_in(path, "LAW", ("statement", "parameters"))
     if not isinstance(law, AdhesionLaw):
         raise InputError(
-            f"{file_name(path)}: LAW is a {type(law).__name__}, not an adhesion law with parameters; assign an "
-            "instance of a subclass of AdhesionLaw, for example LAW = MyLaw(...)"
+            f"{file_name(path)}: LAW is a {type(law).__name__}; assign an instance of a subclass of AdhesionLaw"
         )
     return law.model_copy(update={"file": file_name(path)})

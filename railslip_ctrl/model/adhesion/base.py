@@ -86,9 +86,7 @@ class AdhesionLaw(Record):
     rail: Rail = Field(Rail.DRY, description="rail condition of the parameters")
     reference: ReferenceSlip | None = Field(None, description="reference slip ratios, if given")
     file: str | None = Field(None, exclude=True, repr=False, description="name of the law's file, if any")
-    of_wheel_load: float | None = Field(
-        None, exclude=True, repr=False, description="wheel load, N, for which the law's forces hold, if known"
-    )
+    of_wheel_load: float | None = Field(None, exclude=True, repr=False, description="wheel load of the law, N")
 
     @field_validator("of_wheel_load", mode="before")
     @classmethod
@@ -119,10 +117,7 @@ class AdhesionLaw(Record):
         if cls.published_sets:
             check_published_range(INITIAL_SPEED_KMH, wheel_load)  # only the load: these sets do not depend on v0
             return cls.model_validate({**cls.published_sets[Rail.of(rail)], "rail": rail})
-        raise MissingParametersError(
-            f"adhesion {cls.name!r}: {cls.source} gives no parameters for it; "
-            "give a TOML file with the law and its parameters"
-        )
+        raise MissingParametersError(f"adhesion {cls.name!r}: {cls.source} gives no parameters; give a file with them")
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
@@ -169,10 +164,7 @@ class AdhesionLaw(Record):
         """Law with its adhesion multiplied by `factor`, > 0, by powers of the `wet_factors`."""
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
-            raise InputError(
-                f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors, and the law has none; "
-                "define wet_factors in the class of the law"
-            )
+            raise InputError(f"adhesion {self.name!r}: an adhesion factor needs wet_factors; define them in the class")
         halvings = math.log(factor) / math.log(0.5)
         update = {name: getattr(self, name) * half**halvings for name, half in self.wet_factors.items()}
         return self.model_copy(update=update)
@@ -229,7 +221,6 @@ class AdhesionLaw(Record):
 
 
 REST_STATE_UNDEFINED = Kink(0.0, "without slip every deflection is steady, so the adhesion state is undefined")
-"""Kink of every dynamic law at slip 0."""
 
 
 def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:

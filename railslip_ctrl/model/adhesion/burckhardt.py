@@ -19,14 +19,12 @@ SURFACES: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "snow": MappingProxyType({"c1": 0.1946, "c2": 94.129, "c3": 0.0646}),
     }
 )
-"""Published parameters by road surface."""
 
 
 class Burckhardt(AdhesionLaw):
     """Burckhardt's law Fa = N mu, mu = c1 (1 - exp(-c2 lambda)) - c3 lambda for lambda >= 0, odd in lambda.
 
-    It describes a tyre on a road, not a wheel on a rail: its published adhesion coefficients are about three times
-    those of a rail.
+    It describes a tyre on a road; its adhesion coefficients are about three times those of a wheel on a rail.
     """
 
     name: ClassVar[str] = "burckhardt"

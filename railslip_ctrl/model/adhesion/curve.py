@@ -65,8 +65,6 @@ def _curve_function() -> Any:
     from sympy.core.function import ArgumentIndexError
 
     class BristleCurve(sp.Function):  # type: ignore[misc]
-        """Force F as a function of (lambda; alpha, beta, gamma, R, v0)."""
-
         nargs = 6
         is_real = True
 

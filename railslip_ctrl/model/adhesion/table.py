@@ -34,7 +34,7 @@ class LookupTable(AdhesionLaw):
         slip = [0.02, 0.05, 0.1, 0.2, 0.5]
         mu = [0.12, 0.22, 0.25, 0.23, 0.19]
 
-    F. N. Fritsch, J. Butland. SIAM J. Sci. Stat. Comput. 5(2), 1984, pp. 300-304.
+    F. N. Fritsch, J. Butland: SIAM Journal on Scientific and Statistical Computing 5(2), 1984, pp. 300-304.
     """
 
     name: ClassVar[str] = "table"
@@ -43,9 +43,7 @@ class LookupTable(AdhesionLaw):
     has_state: ClassVar[bool] = False
 
     slip: tuple[float, ...] = Field(description="slip ratios, ascending", min_length=2, max_length=MOST_KNOTS)
-    mu: tuple[float, ...] = Field(
-        description="adhesion coefficients at these slip ratios", min_length=2, max_length=MOST_KNOTS
-    )
+    mu: tuple[float, ...] = Field(description="adhesion coefficients", min_length=2, max_length=MOST_KNOTS)
 
     @field_validator("slip", "mu", mode="before")
     @classmethod
