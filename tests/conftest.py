@@ -29,6 +29,7 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture
 def railslip(capsys, monkeypatch):
     """Run the command in this process; returns exit status, standard output and standard error."""
+
     def interrupted(*_):
         raise KeyboardInterrupt
 

@@ -277,7 +277,7 @@ def test_another_wheel_load_keeps_mu(name: str) -> None:
 def test_refusals_of_published_laws() -> None:
     assert published_law("bristle", "wet") == published_law("bristle", WET) == published_law("bristle", "dry").on("wet")
     assert law_class("Tyre-LuGre") is law_class("tyre_lugre")
-    cases = [((name, DRY), "give a TOML file with the law") for name in sorted(UNPUBLISHED)]
+    cases = [((name, DRY), "gives no parameters; .* TOML") for name in sorted(UNPUBLISHED)]
     rig = itertools.product(("beam", "bristle", "curve"), (29.999, 140.001, math.nan))
     cases += [((name, DRY, v0), "30 to 140 km/h") for name, v0 in rig]
     loads = itertools.product(("bristle", "polach"), (0.0, math.inf))

@@ -117,7 +117,7 @@ class AdhesionLaw(Record):
         if cls.published_sets:
             check_published_range(INITIAL_SPEED_KMH, wheel_load)  # only the load: these sets do not depend on v0
             return cls.model_validate({**cls.published_sets[Rail.of(rail)], "rail": rail})
-        raise MissingParametersError(f"adhesion {cls.name!r}: {cls.source} gives no parameters; give a file with them")
+        raise MissingParametersError(f"adhesion {cls.name!r}: {cls.source} gives no parameters; give a TOML file")
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
@@ -164,7 +164,7 @@ class AdhesionLaw(Record):
         """Law with its adhesion multiplied by `factor`, > 0, by powers of the `wet_factors`."""
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
-            raise InputError(f"adhesion {self.name!r}: an adhesion factor needs wet_factors; define them in the class")
+            raise InputError(f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors; define them")
         halvings = math.log(factor) / math.log(0.5)
         update = {name: getattr(self, name) * half**halvings for name, half in self.wet_factors.items()}
         return self.model_copy(update=update)
