@@ -45,7 +45,6 @@ def run() -> Errata:
 
 
 def main() -> None:
-    """Print the table of errata."""
     result = run()
     for where, row in result.rows.items():
         print(f"{'agrees ' if row.agrees else 'DIFFERS'}  {where:30s}  {row.sign_and_size}")

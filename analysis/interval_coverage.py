@@ -90,7 +90,6 @@ def run(seeds: int = SEEDS, *, spread: float = 0.0, workers: int | None = 1) -> 
 
 
 def main() -> None:
-    """Print the table of coverages."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS
     spread = float(sys.argv[2]) if len(sys.argv) > 2 else 0.0
     print(

@@ -40,13 +40,12 @@ def run(*, as_published: bool) -> dict[tuple[str, bool, bool], LyapunovRun]:
 
 
 def label(case: tuple[str, bool, bool]) -> str:
-    """Return the name of a case."""
     name, actuator, noise = case
     return f"{name}, {'actuator' if actuator else 'ideal'}{', noise' if noise else ''}"
 
 
 def main() -> None:
-    """Print the conditions as published and in SI; with a folder, draw s without, and the estimates with adaptation."""
+    """Print the conditions as published and in SI; with a folder, draw s and the estimates."""
     for as_published in (True, False):
         cases = run(as_published=as_published)
         reading = "as published (inertia scale 3.6)" if as_published else "SI"

@@ -83,7 +83,7 @@ def run() -> tuple[LyapunovCheck, LyapunovCheck]:
 
 
 def main() -> None:
-    """Print the conditions that fail in SI, and differences as published; with a folder, draw V along the runs."""
+    """Print the conditions that fail; with a folder, draw V along the runs."""
     si, published = run()
     print(failures(si.verification, published.verification))
     for name, result in (("SI", si), ("as published", published)):
@@ -98,7 +98,7 @@ def main() -> None:
 
 
 def failures(si: Verification, published: Verification) -> str:
-    """Return the conditions that fail without the actuator, with the evidence in SI, and differences as published."""
+    """Return the conditions that fail without the actuator in SI, and how the conditions as published differ."""
     lines = [
         f"Without the actuator {len(si.failing)} of {len(si.conditions)} conditions do not hold in SI",
         "(railslip verify also checks the conditions with the actuator):",

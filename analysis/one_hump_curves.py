@@ -35,7 +35,7 @@ SILENT = {"random_force": 0.0, "wheel_noise": 0.0}
 
 @dataclass(frozen=True)
 class Identified:
-    """Identification of one log: true peak, chosen model, 95 % intervals of slip and mu, and if a delay is reported."""
+    """Identification of one log: true peak, chosen model, 95 % intervals of slip and mu, and reported delay."""
 
     seed: int
     true: Peak
@@ -89,7 +89,6 @@ def line(name: str, each: Sequence[Identified]) -> str:
 
 
 def main() -> None:
-    """Print the table."""
     curves, first = (int(x) for x in (*sys.argv[1:], *(CURVES, 0)[len(sys.argv) - 1 :]))
     print("Shares of logs whose 95 % interval contains slip and mu of the peak; median half widths over true values;")
     print("shares with a reported delay and with the table as chosen model; seeds of logs with a missed peak")

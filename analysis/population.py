@@ -1,8 +1,8 @@
 """How well does the seeking controller work on vehicles and rails for which it was not tuned?
 
 It is compared with slide protection, which does not know the rail either, and with the best linear design: a PI-lead
-that knows vehicle, adhesion law and slip of the peak. Its reference is 80 % of this slip, and its ki is the largest
-with Ms <= 2.
+that knows vehicle, adhesion law and slip of the peak. The reference of the PI-lead is 80 % of this slip, and its ki is
+the largest with Ms <= 2.
 
 In 1000 stops (seeds 9000 to 9999), without errors and with errors in half of the stops:
 
@@ -155,7 +155,6 @@ def table(stops: Sequence[Stop]) -> str:
 
 
 def main() -> None:
-    """Print the table."""
     count, first, family = [*sys.argv[1:], *(str(SEEDS), str(CHECK), "one hump")[len(sys.argv) - 1 :]]
     seeds = range(int(first), int(first) + int(count))
     print(

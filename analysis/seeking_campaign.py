@@ -206,7 +206,6 @@ def row(name: str, stops: list[Stop]) -> str:
 
 
 def main() -> None:
-    """Print the table."""
     count, first = (int(word) for word in [*sys.argv[1:], *("16", "0")[len(sys.argv) - 1 :]])
     seeds = range(first, first + count)
     beside = run(seeds, controllers=[name for name in CONTROLLERS if name != "seeking"], laws=LAWS[:3])

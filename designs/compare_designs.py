@@ -1,10 +1,10 @@
 """How do the published PI, the best PI, tuning rules, PI-lead, Smith predictors and an observer compare?
 
-Dry and wet rail, 100 km/h, bristle model, SI, the published actuator with its dead time exact. For each design the
-table has the margins of the true loop (not of a predictor's model), the noise gain and the torque rate. For an unstable
-design it has the reason. The script also prints the margins that no controller can exceed.
+The plant is the bristle model in SI on dry and on wet rail at 100 km/h, with the published actuator and its exact dead
+time. For each design the table has the margins of the true loop (not of a predictor's model), the noise gain and the
+torque rate, or the reason why the loop is unstable. The script also prints the margins that no controller can exceed.
 
-The PI and the PI-lead have one gain set for both rails. The predictors, the observer and the rules are designed for
+The PI and the PI-lead have the same gains on both rails. The predictors, the observer and the rules are designed for
 each rail; on the other rail their margins are worse.
 
     python designs/compare_designs.py [FOLDER for the pictures]

@@ -1,9 +1,9 @@
 """Which controller has the shortest stop, and how far is it from the bound?
 
-Compared are the published PI and sliding-mode law ([Park2008] Table 4), this project's PI-lead, its gain schedule, and
-a rule-based slide protection. They run the paper's scenario with the same seeds, as published (inertia scale 3.6) and
-in SI. The bound assumes the highest adhesion at every moment, within the limits of the actuator. A further variant of
-the sliding-mode law does not know the rail: it keeps the adhesion curve of dry rail on wet rail.
+The script compares the published PI and sliding-mode law ([Park2008] Table 4), this project's PI-lead, a gain schedule
+of the PI-lead, and a rule-based slide protection. A variant of the sliding-mode law uses the adhesion curve of dry rail
+also on wet rail. All run the paper's scenario with the same seeds, as published (inertia scale 3.6) and in SI. The
+bound assumes the highest adhesion at every moment, within the limits of the actuator.
 
     python designs/compare_runs.py [FOLDER for the picture]
 """

@@ -29,7 +29,7 @@ class PublishedCheck:
 
 
 def check(rail: Rail, inertia_scale: float) -> rs.Assessment:
-    """Assess the published loop on one rail, in one reading."""
+    """Assess the loop with the published PI on one rail."""
     # 1. The vehicle in this reading, and the adhesion law on this rail.
     vehicle = rs.PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     law = rs.published_law("bristle", rail)
@@ -40,7 +40,6 @@ def check(rail: Rail, inertia_scale: float) -> rs.Assessment:
 
 
 def run() -> PublishedCheck:
-    """Assess both rails in both readings."""
     return PublishedCheck(
         si={rail: check(rail, 1.0) for rail in Rail},
         as_published={rail: check(rail, rs.AS_PUBLISHED_INERTIA_SCALE) for rail in Rail},

@@ -1,8 +1,8 @@
 """Which single PI has the smallest worst Ms at twelve operating points, and where does it fail?
 
-Dry and wet rail, 20, 60 and 100 km/h, 3517 and 5276 kg, bristle model, v0 = 100 km/h, the published actuator,
-ki >= 5 N*m/m. The script compares the PI with the limits of the plant, and checks it with the actuator's tolerance and
-beyond the adhesion peak.
+The points are dry and wet rail at 20, 60 and 100 km/h with 3517 and 5276 kg, for the bristle model with v0 = 100 km/h
+and the published actuator; ki is at least 5 N*m/m. The script compares the PI with the limits of the plant, and checks
+it with the tolerances of the actuator and beyond the adhesion peak.
 
     python designs/pi_robust.py [FOLDER for the pictures]
 """

@@ -1,7 +1,7 @@
 """Is a PI that is shaped for wet rail good on dry rail?
 
-On wet rail the adhesion curve falls half as steeply, so the unstable pole is half as fast and the loop is easier to
-stabilise. But the rail may dry at any moment. A PI shaped for wet rail must therefore also be judged on dry rail.
+On wet rail the adhesion curve falls half as steeply. Therefore the unstable pole is half as fast and the loop is easier
+to stabilise. Because the rail may dry at any moment, a PI shaped for wet rail must also be judged on dry rail.
 
     python designs/pi_wet.py [FOLDER for the picture]
 """

@@ -1,8 +1,8 @@
 """Does the predictive sliding-mode law slide with a real brake, and what is proved about it?
 
-The published vehicle, in SI, holds its reference slips; on dry rail the reference is beyond the peak. Rules give the
-gains. The loop inside the boundary layer is analysed exactly. The stability conditions are decided without noise, for
-slips near the reference and speeds from 60 km/h up. The theory page "Sliding-mode laws" derives the law.
+The vehicle is the published one, in SI; on dry rail its reference slip is beyond the peak. Rules give the gains. The
+loop inside the boundary layer is analysed exactly. The script decides whether the stability conditions hold without
+noise, for slips near the reference and speeds from 60 km/h up. The theory page "Sliding-mode laws" derives the law.
 
 On dry rail, noise locks the wheel at the end of the stop, at speeds that the proof and the no-lock region do not cover.
 
@@ -40,7 +40,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class Design:
-    """The law with its gains, the verdict on the loop in its layer, the stability conditions, and the stops."""
+    """Law with its gains, verdict on the loop in the boundary layer, stability conditions, and stops."""
 
     control: rs.Predictive
     judgement: rs.Judgement

@@ -1,8 +1,8 @@
 """Which margins and stops does a slip controller reach that knows neither rail nor mass nor adhesion curve?
 
-The published vehicle, in SI. Rules give the gains from wheel and brake. The loop is judged with every tolerance at the
-slip that the controller finds, and the stops are compared with the bound. The theory page "A controller that seeks
-the peak" explains the parts of the controller and their equations.
+The vehicle is the published one, in SI. The gains follow from wheel and brake by rules. The loop is judged with every
+tolerance at the slip that the controller finds, and the stops are compared with the bound. The theory page "A
+controller that seeks the peak" has the equations of the controller.
 
     python designs/seeking.py [FOLDER for the picture]
 """
@@ -24,10 +24,10 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Row:
-    """One stop from 100 to 5 km/h, empty: distances in m, and the highest slip.
+    """Stop of the seeking controller from 100 to 5 km/h, empty: `distance`, m, and highest slip.
 
-    bound: lower bound for any controller with this brake, without slip dynamics; attainable: stop without noise of a
-    controller that knows the rail; distance: stop of the seeking controller.
+    `bound` is a lower bound on the distance of any controller with this brake. `attainable` is the distance of a
+    controller that knows the rail, without noise.
     """
 
     law: str

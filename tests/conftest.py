@@ -28,8 +28,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture
 def railslip(capsys, monkeypatch):
-    """Run the command in this process; gives (exit status, standard output, standard error). `design` opens no browser,
-    and is interrupted at once."""
+    """Run the command in this process; returns exit status, standard output and standard error."""
 
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -48,7 +47,6 @@ def railslip(capsys, monkeypatch):
 
 @pytest.fixture
 def file(tmp_path, monkeypatch):
-    """Write a file into the working folder, which is a temporary one; gives its name."""
     monkeypatch.chdir(tmp_path)
 
     def write(name, text):
@@ -60,8 +58,6 @@ def file(tmp_path, monkeypatch):
 
 @pytest.fixture
 def ran(tmp_path, capsys, monkeypatch):
-    """Run a script of the project: what its `run` gives, what it prints of that, and the pictures it then draws."""
-
     def run(path, **given):
         module = script(path)
         result = module.run(**given)
@@ -73,7 +69,6 @@ def ran(tmp_path, capsys, monkeypatch):
 
 @pytest.fixture(scope="module")
 def without_lag_search():
-    """Identification does not look for a column that is late: it takes most of the time, and has tests of its own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_, **__: None)
         yield
@@ -81,7 +76,6 @@ def without_lag_search():
 
 @pytest.fixture(autouse=True, scope="session")
 def _figures_without_defects():
-    """Every PNG that a test or a fixture saves, by a script or a command, is looked at as `figure_checks` does."""
     from figure_checks import defects
 
     from railslip_ctrl.report.plots import style

@@ -21,7 +21,6 @@ _UNIT = re.compile(r"\([^()]*(\([^()]*\)[^()]*)*\)|density")
 
 
 def defects(figure: Figure) -> list[str]:
-    """Defects in words, none if it is good; the figure has been drawn or saved before."""
     checks = (_unread, _outside, _overlapping, _without_unit, _alike, _covered)
     return [defect for check in checks for defect in check(figure)]
 
@@ -31,7 +30,6 @@ def _shown(figure: Figure) -> list[Axes]:
 
 
 def _tick_labels(axis: Any, *, seen: bool) -> Iterator[Text]:
-    """Those of ticks within the axis's limits, or the others, which are not drawn."""
     low, high = sorted(axis.get_view_interval())
     for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
         if (low <= tick.get_loc() <= high) == seen:
@@ -39,7 +37,6 @@ def _tick_labels(axis: Any, *, seen: bool) -> Iterator[Text]:
 
 
 def _texts(figure: Figure) -> list[tuple[Text, Any]]:
-    """Every text that is seen, with its box in pixels."""
     renderer = figure.canvas.get_renderer()
     unseen = {id(t) for ax in figure.axes if ax not in _shown(figure) for t in ax.findobj(Text)}
     unseen |= {id(t) for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) for t in _tick_labels(axis, seen=False)}
@@ -69,7 +66,6 @@ def _overlapping(figure: Figure) -> Iterator[str]:
 
 
 def _without_unit(figure: Figure) -> Iterator[str]:
-    """Numbers at an axis need a unit: in its label or that of its column or row, for y also in a title above."""
     for ax in _shown(figure):
         column = [other for other in _shown(figure) if other.get_subplotspec().colspan == ax.get_subplotspec().colspan]
         row = [other for other in _shown(figure) if other.get_subplotspec().rowspan == ax.get_subplotspec().rowspan]
@@ -82,7 +78,6 @@ def _without_unit(figure: Figure) -> Iterator[str]:
 
 
 def _alike(figure: Figure) -> Iterator[str]:
-    """Lines of one legend that a grey print does not tell apart."""
     for ax in figure.axes:
         lines = [line for line in ax.lines if not line.get_label().startswith("_")]
         # get_linestyle() is "--" for every dash of one's own
@@ -96,7 +91,6 @@ def _alike(figure: Figure) -> Iterator[str]:
 
 
 def _covered(figure: Figure) -> Iterator[str]:
-    """Legends that lie on what is drawn in their axes."""
     for ax in _shown(figure):
         legend = ax.get_legend()
         box = legend and Bbox.intersection(ax.bbox, legend.get_window_extent(figure.canvas.get_renderer()))

@@ -79,12 +79,10 @@ class Program:
         self.state = ctypes.create_string_buffer(of_state)
 
     def init(self, speed, parameters=None):
-        """The code of init; `parameters` are an array of numbers, or the default ones."""
         self.parameters = self.default if parameters is None else parameters
         return self._init(self.state, self.parameters, speed)
 
     def step(self, *measured):
-        """Torque and status of a sample: train speed, wheel speed, applied torque, what else the program takes."""
         torque = self.number()
         self._step.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[self.number] * len(measured), ctypes.c_void_p]
         status = self._step(self.state, self.parameters, *measured, ctypes.byref(torque))

@@ -42,7 +42,6 @@ def brief(law: object = "curve", **changes: object) -> Scenario:
 
 
 def difference(simulators: list[rs.Simulator]) -> float:
-    """The largest of the runs of simulators of one kind."""
     seeds = [Counted(7 * i, 2**32 - 1 - i) for i in range(len(simulators))]
     here = np.array([numbers(simulator.run(seed)) for simulator, seed in zip(simulators, seeds, strict=True)])
     there = np.array([numbers(run) for run in run_batch(list(zip(simulators, seeds, strict=True)))])
@@ -74,7 +73,6 @@ def simulated(folder: Path) -> dict[str, float]:
 
 
 def vehicles(count: int) -> list[rs.Vehicle]:
-    """The published one with other masses."""
     masses = np.linspace(0.95, 1.05, count) * rs.PARK2008.mass
     return [rs.PARK2008.model_copy(update={"mass": float(mass)}) for mass in masses]
 

@@ -22,7 +22,6 @@ class Page:
         self.text = "".join(self.root.itertext()).replace("\N{NO-BREAK SPACE}", " ")
 
     def rows(self, section: str) -> list[list[str]]:
-        """Cells of the table rows in a section, by its id."""
         return [["".join(cell.itertext()) for cell in row] for row in self.root.findall(f".//*[@id='{section}']//tr")]
 
     def problems(self) -> list[str]:

@@ -48,7 +48,6 @@ class Loop:
         return sum(1 / (J * omega - z) for z in self.zeros) - sum(1 / (J * omega - p) for p in self.poles)
 
     def cover(self, test, decided):
-        """Part the axis until `test` holds on each part, up to a radius; that, and a ball of G beyond, `decided`."""
         radius, value = max([abs(r).upper() for r in self.zeros + self.poles] + [1 / (1 + self.tau)]), None
         while value is None or not decided(value):
             radius, value = radius.mid() * 8, self.gain
@@ -154,8 +153,6 @@ def poles_right(zeros, poles, gain, tau, phase=0.0):
 
 
 def refused(zeros, poles, gain, tau, c):
-    """What a certificate says wrongly about a stable loop; an empty list accepts it."""
-
     def peak(a, b, ends):
         with ctx.workprec(BITS):
             loop = Loop(zeros, poles, gain, tau)
@@ -163,7 +160,6 @@ def refused(zeros, poles, gain, tau, c):
             return [loop.exceeds(a, b, arb(one)) for one in tried] == [True, False]
 
     def limit(ends, most, changed, region):
-        """Stable, no pole on the axis in the region up to the near end of an enclosure, and unstable at the far one."""
         near, far = exact(min(ends[0] * (1 - OUTSIDE), most)), ends[1] * (1 + OUTSIDE)
         with ctx.workprec(BITS):
             clear = Loop(zeros, poles, gain, tau).avoids(*map(arb, region(near)))

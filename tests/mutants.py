@@ -127,8 +127,6 @@ WORDS = ("__repr__", "__str__", "__all__")
 
 @dataclass(frozen=True)
 class Mutant:
-    """What takes the place of the bytes from start to end of a module, by its path below the package."""
-
     path: str
     line: int
     start: int
@@ -140,14 +138,12 @@ class Mutant:
         return content[: self.start] + self.text.encode() + content[self.end :]
 
     def lines(self, content: bytes) -> tuple[str, str]:
-        """The lines it changes, and what they become."""
         first, last = content.rfind(b"\n", 0, self.start) + 1, content.find(b"\n", self.end)
         after = content[first : self.start] + self.text.encode() + content[self.end : last]
         return content[first:last].decode().strip(), after.decode().strip()
 
 
 def mutants(path: str, content: bytes) -> list[Mutant]:
-    """All faults of a module."""
     begins = [0]
     for line in content.splitlines(keepends=True):
         begins.append(begins[-1] + len(line))
@@ -160,7 +156,6 @@ def mutants(path: str, content: bytes) -> list[Mutant]:
 
 
 def faults(node: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
-    """Nodes from this one downwards, and what takes their place."""
     if _words(node):
         return
     yield from _of_its_own(node)
@@ -174,7 +169,6 @@ def faults(node: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
 
 
 def _words(node: ast.AST) -> bool:
-    """What is for readers or the type checker alone, and what is known to hold."""
     match node:
         case ast.JoinedStr() | ast.Assert() | ast.Expr(ast.Constant()) | ast.keyword("strict"):
             return True
@@ -224,7 +218,6 @@ def _with(node: ast.AST, **changed: object) -> ast.AST:
 
 
 def prepare(folder: Path) -> None:
-    """A worker's own copy of the project, in which it runs."""
     mine = folder / str(os.getpid())
     kernels = user_cache_path(PACKAGE) / "kernels"  # those of the package as it is need not be compiled again
     if kernels.is_dir():
@@ -237,7 +230,6 @@ def prepare(folder: Path) -> None:
 
 
 def survives(mutant: Mutant, tests: tuple[str, ...], limit: int) -> bool:
-    """Whether the tests pass with a fault in the copy, within some seconds."""
     module = Path(PACKAGE) / mutant.path
     content = module.read_bytes()
     _write(module, mutant.put_into(content))
@@ -253,7 +245,6 @@ def _write(module: Path, content: bytes) -> None:
 
 
 def run(tests: tuple[str, ...], limit: int = 3600) -> tuple[bool, float]:
-    """Whether tests pass in a fork of this process within some seconds of its processor, and how many these were."""
     child = os.fork()
     if not child:
         try:
@@ -273,7 +264,6 @@ def run(tests: tuple[str, ...], limit: int = 3600) -> tuple[bool, float]:
 
 
 def limit_of(tests: tuple[str, ...]) -> int:
-    """Seconds that the tests of a module may take; an error if they do not pass without a fault."""
     passed, seconds = run(tests)
     if not passed:
         raise RuntimeError(Path("output").read_text())
@@ -287,7 +277,6 @@ def tests_of(path: str) -> tuple[str, ...]:
 
 
 def sample(rooms: list[str], size: int, seed: int) -> list[Mutant]:
-    """Faults of the modules whose paths begin as said; a module that changes leaves the others' in the sample."""
     found: dict[str, Mutant] = {}
     for module in sorted((ROOT / PACKAGE).rglob("*.py")):
         path, content = module.relative_to(ROOT / PACKAGE).as_posix(), module.read_bytes()

@@ -15,7 +15,6 @@ CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 
 
 def script(path: str) -> ModuleType:
-    """Import a script by its path, as a reader would run it."""
     spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up
@@ -24,7 +23,6 @@ def script(path: str) -> ModuleType:
 
 
 def changed(record: Any, **fields: Any) -> Any:
-    """A record with other fields, checked as a new one."""
     return type(record)(**dict(record) | fields)
 
 
@@ -34,7 +32,6 @@ def recipe(name: str) -> str:
 
 
 def show(module: ModuleType, result: object, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the script prints of `result`, which its `run` gave, and its pictures into the folder."""
     monkeypatch.setattr(module, "run", lambda *_, **__: result)
     monkeypatch.setattr(sys, "argv", [f"{module.__name__}.py", str(folder)])
     module.main(*([[str(folder)]] if inspect.signature(module.main).parameters else []))

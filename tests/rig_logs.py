@@ -75,7 +75,6 @@ def identified(rows: Rows, model: str = "beam", **options: object) -> Identifica
 
 @functools.cache
 def found_in(model: str = "beam", **options: object) -> Identification:
-    """`two_runs` identified, once for each model and options, without the search for a column that is late."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_, **__: None)
         return identified(two_runs(), model, **options)

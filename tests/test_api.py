@@ -56,7 +56,6 @@ SHAPE = re.compile(r"\d-D|\bshape|of (?:one|equal) length|array,? \([\w, ]+\)|\b
 
 
 def public() -> dict[str, Any]:
-    """Everything offered at the top, by the rooms that list their names, and the other entries."""
     found = {f"railslip_ctrl.{name}": getattr(railslip_ctrl, name) for name in railslip_ctrl.__all__}
     for room in (*ROOMS, *ENTRIES):
         module = importlib.import_module(f"railslip_ctrl.{room}")
@@ -98,7 +97,6 @@ def test_no_room_takes_its_names_from_the_top_and_every_source_key_resolves() ->
 
 @pytest.mark.parametrize("name", THINGS)
 def test_every_argument_field_and_method_is_documented_and_every_number_has_its_unit_and_shape(name: str) -> None:
-    """A class may give those of all its fields in its first paragraph, and say what its methods take."""
     thing = THINGS[name]
     text, is_class = documentation(thing), inspect.isclass(thing)
     assert text
@@ -116,7 +114,6 @@ def test_every_argument_field_and_method_is_documented_and_every_number_has_its_
 
 
 def documentation(thing: Any) -> str:
-    """The docstring of a function, or those of a class and of the package's classes it is made from."""
     if not inspect.isclass(thing):
         return inspect.getdoc(thing) or ""
     own = (base for base in thing.__mro__ if base.__module__.startswith("railslip_ctrl"))
@@ -134,7 +131,6 @@ def arguments_of(thing: Any) -> dict[str, str]:
 
 
 def entry(text: str, name: str) -> str:
-    """What a docstring says of an argument: its entry in a list, else the sentences that name it; "" if nothing."""
     block = re.search(rf"^- (?:[\w, ]*[ ,])?{name}(?:,[\w, ]*)?(?::.*)?$(?:\n {{2}}.*)*", text, flags=re.M)
     if block:
         return block[0]
@@ -143,7 +139,6 @@ def entry(text: str, name: str) -> str:
 
 
 def told(text: str, name: str, annotation: str, general: str = "") -> bool:
-    """Whether a docstring has an argument, and in its entry or in general a number's unit and an array's shape."""
     said, array = entry(text, name), re.search(r"ArrayLike|Floats|NDArray|Complexes", annotation)
     if not said or annotation.startswith("Callable") or not (array or re.search(r"\bfloat\b", annotation)):
         return bool(said)

@@ -34,7 +34,6 @@ def believing(path, value, scenario=QUIET):
 
 
 def designed(control, **believed):
-    """A controller with the gains of the vehicle, and other beliefs."""
     return control.model_copy(update=believed)
 
 
@@ -82,7 +81,6 @@ def test_the_modelled_torque_follows_the_command_with_the_believed_lag(lag):
 
 @pytest.mark.parametrize("share", [0.8, 1.0, 1.1])
 def test_an_assumed_law_is_under_the_believed_wheel_load(share):
-    """Of a law with a table too, in a run as in the control unit: at small slip the torque goes with the load."""
     law, load = (
         LookupTable(slip=(0.0, 0.02, 0.1, 0.3, 1.0), mu=(0.0, 0.12, 0.2, 0.15, 0.1)),
         share * PARK2008.wheel_load,

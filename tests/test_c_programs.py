@@ -75,7 +75,6 @@ def signals(kind):
 
 
 def test_the_guard_and_the_translation_change_no_run_without_a_fault(kind, program, signals):
-    """The commands of a stop in Python and in C, with the run's measurements, are those of the run."""
     unit = ControlUnit(kind, PARK2008, signals.speed[0])
     assert program.init(signals.speed[0]) == 0
     before = 0.0
@@ -136,7 +135,6 @@ def test_a_fault_releases_the_brake_in_both_languages_within_its_time(kind, prog
 
 @needs_compiler
 def test_parameters_that_are_refused_keep_the_brake_released(kind, program):
-    """All zero, and each number of the law or the guard NaN: a code, and then no torque."""
     size = ctypes.sizeof(program.default) // ctypes.sizeof(program.number)
     numbers = list((program.number * size).from_buffer_copy(bytes(program.default)))
     count = 1 + sum(len(re.findall(r"^    railslip_\w+_real \w+", part, re.M)) for part in _structures(program))
@@ -335,7 +333,6 @@ def test_a_saved_program_assumes_the_law_of_a_stop_and_says_what_does_not_hold(t
 
 
 def rate_limited(torque: float, before: float, most: float) -> float:
-    """A torque that moves by at most `most` from the one before."""
     return min(max(torque, before - most), before + most)
 
 
@@ -420,7 +417,6 @@ def step(state, measurement, parameters):
 
 @needs_compiler
 def test_the_languages_agree_on_what_differs_between_python_and_c(tmp_path):
-    """Truths as numbers, returns out of loops, remainders, names that C has, whole numbers from functions."""
     (tmp_path / "language.py").write_text(LANGUAGE)
     body = runpy.run_path(str(tmp_path / "language.py"))["step"]
 
@@ -486,8 +482,6 @@ def dividing(state, measurement, parameters):
 
 
 def unsuitable(body):
-    """A kind whose step has a body that cannot be translated."""
-
     class Broken(Own):
         step = staticmethod(body)
 

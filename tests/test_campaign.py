@@ -75,7 +75,6 @@ def write_campaign(folder, runs: int):
 
 
 def rows_of(store: Store) -> pd.DataFrame:
-    """Every row; `equals` of two frames is to the last bit, NaN equal to NaN."""
     assert store.complete
     return pa.concat_tables(store.read(part) for part in store.parts()).to_pandas()
 
@@ -382,8 +381,6 @@ def test_statistics_are_numpys(finished):
 
 
 def test_runs_that_fail_are_counted_listed_and_in_no_mean(tmp_path):
-    """Some are too slow to stop in the time given, some have values that contradict each other; without torque there is
-    no stop at all, whose numbers are "-", and which is in the pictures by name."""
     hurried = SHORT.with_changes(longest_time=3.2, vehicle=SHORT.vehicle.model_copy(update={"mass_loaded": 4500.0}))
     loaded = Quantity(("vehicle.mass_loaded",), Uniform(3700.0, 5000.0))
     store = execute(Campaign(hurried, (PI, IDLE), 60, (MASS, loaded), 5), tmp_path / "out", workers=1)

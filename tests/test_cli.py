@@ -237,7 +237,6 @@ def test_a_report_fits_the_terminal_and_says_the_same(railslip, monkeypatch):
 
 @pytest.fixture
 def derived(file):
-    """The derivation with Burckhardt's law, its code, the law of a file, and the numbers of that."""
     text = 'law = "burckhardt"\n[parameters]\nc1 = 0.20\nc2 = 18.0\nc3 = 0.08\n'
     derivation, law = derive(law="burckhardt"), load_law(file("leaves.toml", text))
     return derivation, generate(derivation), law, law_numbers(derivation, law)
@@ -249,7 +248,6 @@ def told(derivation, code, numbers):
 
 
 def test_derive_puts_the_numbers_of_a_file_into_the_law_and_the_code(derived):
-    """Evaluated at a state the law with numbers is the law, to the six digits to which a formula shows its numbers."""
     derivation, code, law, numbers = derived
     found = derivation_json(derivation, (), code, numbers)["law"]["numbers"]
     for rail, one in (("dry", law), ("wet", law.wet())):

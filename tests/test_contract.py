@@ -35,7 +35,6 @@ def keys(*places, names=EVERY):
 
 
 def unbounded(*names):
-    """Keys of a stable loop's case without these margins: its own, of its Pade models, frequencies and certificate."""
     lost = keys("/cases", "/cases/pade", "/cases/certificate", names=names) | keys("/cases/limits", names=LIMITS)
     return lost | {f"/cases/frequencies_rad_s/{name.removesuffix('_deg').removesuffix('_s')}" for name in names}
 

@@ -48,7 +48,6 @@ GIVEN = PIController(PIGains(kp=190.0, ki=5.0))
 
 
 def told(report):
-    """The first page, short enough, and its lines and numbers by name."""
     first = first_page(report)
     beside = ("Yours", "Choice", "Runner-up", "Remedy", "Stops")
     words = " ".join([first.headline, first.subject, *(text for name, text in first.lines if name not in beside)])
@@ -57,14 +56,12 @@ def told(report):
 
 
 def swinging(one, **more):
-    """A stop in which the wheel swings by its reference slip."""
     signals = one.run.signals._replace(slip=one.reference * np.sin(one.run.signals.time))
     return replace(one, run=replace(one.run, signals=signals, **more))
 
 
 @pytest.fixture(scope="module")
 def full_report(tmp_path_factory):
-    """The folder of `railslip report` run once as a user would, and what it printed: standard output and error."""
     folder = tmp_path_factory.mktemp("report") / "out"
     command = [sys.executable, "-m", "railslip_ctrl", "report", *SMALL.split(), "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
@@ -82,7 +79,6 @@ def shown(full_report):
 
 
 def rendered(report):
-    """The page of a record, its pictures left out."""
     names = dict.fromkeys(("map", "loop", "stops", "gains", "responses", "adhesion", "no-lock"), TINY)
     return page(first_page(report), design_sections(report), names, SOURCE, report.date, 1.0)
 
@@ -113,7 +109,6 @@ def test_the_recommendation_is_what_judge_says_of_its_file(content, full_report)
 
 
 def test_the_share_of_the_stops_inside_the_certified_region_is_told(content, shown, full_report):
-    """Of every stop of the recommended controller, in the JSON, in words and as a picture."""
     found = {(one["load"], one["rail"]): one for one in content["no_lock"]}
     assert found.keys() == {("loaded", "dry"), ("loaded", "wet")}
     for one in found.values():
@@ -259,7 +254,6 @@ def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(veh
 
 @pytest.fixture(scope="module")
 def robust():
-    """With the seeking controller beside, as if a wheel locked with it: the design taken is a PI-lead."""
     made = candidates.rule_trial
 
     def locked(name, *given):
@@ -351,8 +345,6 @@ def numbers_of(text):
 
 
 def test_no_statement_contradicts_a_table_beside_it(robust):
-    """What decides, the runner-up and the stops are those of the tables; a lock in a table is told, and captions say
-    what is drawn."""
     second = candidates._with_harder(robust.trials[1], robust.envelope)
     second = replace(second, above_kmh=10.0, reason="")  # or there is one alone
     robust = replace(robust, trials=(robust.trials[0], second, *robust.trials[2:]))
@@ -414,7 +406,6 @@ def test_a_controller_whose_hand_over_is_above_every_speed_is_not_called_unstabl
 
 
 def test_stops_with_errors_and_a_changing_rail(robust):
-    """Each error at both ends equally often, and every two in each combination; each run as `simulate` runs it."""
     wrong = [one for one in robust.harder_stops if one.errors != CHANGES]
     laws = {one.law for one in robust.stops}
     assert laws == {"curve", "polach", "bristle"}
@@ -432,7 +423,6 @@ def test_stops_with_errors_and_a_changing_rail(robust):
 
 @pytest.mark.parametrize("limit", [80.0, 160.0])
 def test_speeds_follow_from_the_vehicle_s_limit(limit):
-    """Published laws beyond the speeds that they are published for are those of the nearest."""
     car = PARK2008.model_copy(update={"speed_limit": limit / 3.6})
     envelope = Envelope(car)
     assert (max(envelope.speeds), envelope.initial_speed) == (limit, limit)
@@ -446,7 +436,6 @@ def test_speeds_follow_from_the_vehicle_s_limit(limit):
 
 
 def test_where_none_qualifies_the_least_bad_is_told_with_the_reason_and_what_was_tried(robust):
-    """Were a wheel to lock with each: the one with the fewest, slide protection in the same table, a brake tried."""
     trials = [replace(one, above_kmh=None, reason="a wheel locks in 3 of 42 stops") for one in robust.trials]
     lost = replace(robust, trials=tuple(trials), above_kmh=None)
     first, lines, _ = told(lost)
@@ -465,7 +454,6 @@ def test_where_none_qualifies_the_least_bad_is_told_with_the_reason_and_what_was
 
 
 def test_a_slow_brake_is_reported_with_all_that_was_tried(hopeless):
-    """Slide protection has no margins and may be the only one that locks no wheel."""
     first, _, _ = told(hopeless)
     assert hopeless.control is not None
     assert first.headline.startswith(("NO CONTROLLER QUALIFIES", "USE"))
@@ -538,7 +526,6 @@ def test_a_stop_in_which_the_wheel_oscillates_is_told(robust):
 
 
 def test_the_seeking_controller_is_judged_and_runs_the_same_stops(robust):
-    """It has no reference that it holds."""
     trial, stops = robust.seeking, {(one.law, one.load, one.rail): one for one in robust.stops}
     judged = trial.judgement
     assert judged.ms.tolist() == judge(robust.envelope, trial.control, nominal=judged.nominal).ms.tolist()
@@ -551,7 +538,6 @@ def test_the_seeking_controller_is_judged_and_runs_the_same_stops(robust):
 
 @pytest.mark.long
 def test_the_seeking_controller_is_recommended_where_it_is_best(tmp_path):
-    """On a static law, where no stop of it slides: the file is it, and the page and the JSON have what a PI's have."""
     only = {"laws": "curve", "speeds": 60, "loads": "empty", "slip": 1.0, "radius": 1.0, "dead_time": 1.0, "lag": 1.0}
     found = design_report(Envelope(PARK2008, **only), sliding=False)
     assert (found.best.structure, found.above_kmh, found.in_use.verdict) == ("seeking", 60.0, "robust")
@@ -635,8 +621,6 @@ def browser(tmp_path_factory):
 
 @pytest.fixture
 def show(browser, full_report):
-    """Shows the page at a width in CSS pixels, and runs scripts in it; nothing is complained of."""
-
     def shown(width):
         screen = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)

@@ -62,7 +62,6 @@ LONG = ("tutorial", "howto/campaign", "howto/log", "howto/reproduce", "howto/sce
     for path, text in TEXTS.items() if pages.blocks(text) or ">>>" in text
 ], ids=named)  # fmt: skip
 def test_pages_run(page, tmp_path, monkeypatch, capsys, railslip):
-    """Files are written and commands called in the page's order; then its Python has to give what it shows."""
     monkeypatch.chdir(pages.prepare(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
     printed = []
@@ -89,7 +88,6 @@ def test_pages_run(page, tmp_path, monkeypatch, capsys, railslip):
 
 
 def assert_gains_of_the_tutorial_are_those_found(text: str, printed: str) -> None:
-    """The pair that the page types is the tuned one in round numbers, and so is that of its controller's file."""
     (typed,) = re.findall(r"PIGains\(kp=(\d+), ki=(\d+)\)", text)
     (tuned,) = re.findall(r"Controller +PI-lead: kp ([\d.]+) N·m/\(m/s\), ki ([\d.]+) N·m/m", printed)
     assert [int(one) for one in typed] == [5 * int(float(one) / 5) for one in tuned]  # less, in fives
@@ -108,7 +106,6 @@ C_PAGES = "".join(TEXTS[DOCS / "howto" / f"{name}.md"] for name in ("embedded_c"
 
 @needs_compiler
 def test_the_programs_of_the_c_pages_brake(file, tmp_path, monkeypatch, railslip):
-    """Compiled and run by the lines that the page shows, and compared with the Python."""
     monkeypatch.syspath_prepend(str(tmp_path))
     for block in (one for one in pages.blocks(C_PAGES) if one.name):
         file(block.name, block.text)
@@ -214,7 +211,6 @@ def test_the_beam_stated_here_integrates_to_the_package_s():
 
 @pytest.mark.long
 def test_formulas_become_mathml(tmp_path, monkeypatch):
-    """No command of LaTeX is left over: the converter shows one that it does not know as text."""
     from latex2mathml.converter import convert
 
     monkeypatch.setattr(generate, "GENERATED", tmp_path)
@@ -229,7 +225,6 @@ def test_formulas_become_mathml(tmp_path, monkeypatch):
 
 
 def test_citation():
-    """What must agree with the package and its sources."""
     content = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     assert (content["cff-version"], content["version"]) == ("1.2.0", railslip_ctrl.__version__)
     assert {"message", "title", "authors", "type"} <= content.keys()
@@ -239,7 +234,6 @@ def test_citation():
 
 
 def test_the_places_to_extend_are_there():
-    """Files and names in the table of extension points, and the modules that the first page of a room names."""
     package = ROOT / "railslip_ctrl"
     modules = [path for path in package.rglob("*.py") if "_generated" not in path.parts]
     names = {word for path in modules for word in re.findall(r"\w+", path.read_text("utf-8"))}
@@ -263,7 +257,6 @@ def contributed(words: str, railslip) -> dict:
 
 
 def test_the_law_of_contributing_is_found_and_linearised(file, tmp_path, monkeypatch, railslip):
-    """Its force and its pole are of test_laws."""
     for name in ("kalker.py", "kalker.toml"):
         file(name, recipe(name))
     package = importlib.import_module("railslip_ctrl.model.adhesion")
@@ -291,7 +284,6 @@ def test_the_controller_kind_of_contributing_is_tuned_saved_run_and_written_as_c
 
 
 def test_the_scenario_and_the_controller_of_contributing_brake(file, tmp_path, monkeypatch, railslip):
-    """The interpreted kernel and the compiled one agree in the tests of simulation; here the example is run."""
     for name in ("downpour.toml", "relay.py"):
         file(name, recipe(name))
     monkeypatch.syspath_prepend(str(tmp_path))

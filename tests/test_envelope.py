@@ -196,8 +196,6 @@ PROMPT = COACH.model_copy(update={"actuator": Actuator(dead_time=0.05, lag=0.0)}
 def own_loop(
     car, controller, adhesion, rail, speed, load, slip, dead_time, lag, radius, held=None, v0_kmh=100.0, made=None
 ):
-    """A loop of the envelope, made from its definition; `held` gives the slip of a law, speed and wheel load; `made`
-    closes another loop than the continuous one."""
     loaded = car.loaded() if load == "loaded" else car
     law = published_law(adhesion, rail, v0_kmh, loaded.wheel_load)
     wheel = loaded.wheel.model_copy(update={"radius": radius * car.wheel.radius})
@@ -320,7 +318,6 @@ def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():
 
 
 def test_the_worst_sampled_case_may_be_that_of_least_delay_margin_and_an_inconspicuous_ms():
-    """Six cases have a larger Ms in continuous time; sampled, none of them comes near."""
     lead = PIController(PIGains(kp=335.9, ki=44.7), lead=0.456, lead_filter=0.0456)
     control = linear_control(lead, reference=ReferenceSlip(dry=0.132, wet=0.092), period=0.1, rule="backward")
     axes = {"laws": ("curve", "bristle"), "rails": "wet", "loads": "empty", "slip": (0.1, 1.0, 1.25), "lag": 1.0}
@@ -357,7 +354,6 @@ def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge
 
 @pytest.mark.parametrize("envelope", [ONE_LAW, pytest.param(Envelope(speeds=40.0), marks=pytest.mark.long)])
 def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, envelope):
-    """None is robust from a lower speed, or from the same one with a larger ki."""
     selected = selection if envelope is ONE_LAW else select(envelope, ["pi-lead"], [1.0])
     (found,) = (one for one in selected.choices if (one.structure, one.reference_factor) == ("pi-lead", 1.0))
     mine, gains = found.design.judgement.robust_from_kmh, found.design.controller
@@ -512,8 +508,6 @@ def test_the_slips_held_are_those_of_every_law():
 
 
 def test_errors_of_sensors_and_brake_are_tolerances():
-    """A torque gain scales the loop; a scale of the speed and a wrong radius move the slip that is held, and the loop
-    scales with the radius believed. A controller that finds its slip is not moved."""
     pi = PI(kp=250.0, ki=60.0, reference=ReferenceSlip(dry=0.06, wet=0.06))
     errors = {"torque_gain": (0.85, 1.15), "speed_scale": (0.98,), "believed_radius": (1.02,)}
     narrow = {"laws": ("curve",), "rails": ("dry",), "speeds": (60,), "loads": ("empty",), "slip": (1.0,)}

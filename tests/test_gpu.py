@@ -20,7 +20,6 @@ from railslip_ctrl.simulation.counted import Counted, normal
 
 
 def on_gpu() -> bool:
-    """Whether CUDA is there, and not simulated."""
     try:
         gpu.check_device()
     except rs.InputError:
@@ -43,7 +42,6 @@ def test_draws_are_those_of_philox():
 
 
 def test_the_text_for_cuda_gives_the_stops_of_the_cpu(tmp_path):
-    """In Numba's simulator, which interprets it: every law, controllers, events, sensors, and a campaign."""
     environment = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     words = [sys.executable, "tests/gpu_runs.py", str(tmp_path)]
     done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)

@@ -27,8 +27,6 @@ S = ct.tf("s")
 
 
 class Ramp:
-    """A step of one's own, with or without a reference slip."""
-
     def __init__(self, reference=None):
         self.reference = reference
 

@@ -111,7 +111,6 @@ def test_an_option_says_its_unit_or_choice_and_its_default(name):
 
 
 def test_completing_a_command_s_name_imports_no_command():
-    """Nor does the package itself cost anything."""
     code = "import sys; from railslip_ctrl.cli import main\ntry: main()\nfinally: print(*sys.modules, file=sys.stderr)"
     words = {"_RAILSLIP_COMPLETE": "zsh_complete", "COMP_WORDS": "railslip ", "COMP_CWORD": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=os.environ | words, capture_output=True, text=True)

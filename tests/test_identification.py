@@ -79,7 +79,6 @@ def test_observed_mu_stands_over_the_slip_it_belongs_to(observer, lag, block):
 
 
 def test_a_gap_restarts_the_observer_and_is_told():
-    """Also from a rim speed and from twice the wheel load, on which mu is half as high."""
     rows, kept = ramp_rows(), np.ones(2000, dtype=bool)
     rows.columns["wheel_speed"] = rows.columns.pop("wheel_angular_speed") * PARK2008.wheel.radius
     rows.columns["wheel_load"] = np.full(2000, 2 * LOAD)
@@ -193,8 +192,6 @@ def test_clean_data_give_the_parameters_back(name):
 
 
 def test_a_clean_table_gives_its_values_back():
-    """A cubic is a spline, and the two-point rule of a cell is exact for it."""
-
     def cubic(slip):
         return 4.0 * slip - 14.0 * slip**2 + 15.0 * slip**3
 
@@ -219,7 +216,6 @@ def test_long_run_variance_of_filtered_noise_is_its_closed_form():
 
 
 def test_what_a_steady_curve_or_too_little_of_it_does_not_show_is_said():
-    """A LuGre law that does not fall: whatever vs is, the curve is the same."""
     slip = np.linspace(0.01, 0.4, 500)
     flat = law_class("lugre").model_validate({"alpha": 2e4, "Fs": 9e3, "Fc": 9e3, "vs": 4.0})
     found = fitted("lugre", gathered(samples(slip, V100, adhesion_coefficient(flat, V100, slip, LOAD))))
@@ -363,7 +359,6 @@ def test_polynomials_of_v0_are_the_published_ones():
 
 @pytest.mark.parametrize(("kink", "told"), [(0.0, False), (0.05, True)])
 def test_a_weighted_polynomial_is_numpys_and_says_where_it_misses_the_logs(kink, told):
-    """Five speeds, a parabola and noise beside it, or a kink of ten standard errors."""
     speeds, stderrs = np.array([30.0, 60.0, 90.0, 120.0, 150.0]), 0.005 * np.array([2.0, 1.0, 1.0, 0.5, 1.5])
     noise = 0.005 * np.array([0.5, -1.0, 0.3, 0.3, -0.4])
     values = 0.4 - 1e-3 * speeds + noise + kink * (speeds == 90.0)

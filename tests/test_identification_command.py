@@ -97,7 +97,6 @@ def test_nothing_is_written_by_halves_nor_over_a_log(railslip, log, tmp_path):
 
 
 def test_the_time_history_of_a_braking_shows_the_torque_that_the_adhesion_had(log):
-    """The wheel turns as brake and adhesion torque ask: omega comes out of the observed torque again."""
     found = identify(log, PARK2008, Options(model="beam"))
     run = time_history_of(found.curve.record, PARK2008, found.curve.time_constant)
     seen, wheel = np.isfinite(run.adhesion_torque), PARK2008.wheel
@@ -133,7 +132,6 @@ def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
 
 
 def test_what_is_told_of_given_values_names_options_and_not_arguments(railslip, log, tmp_path, monkeypatch):
-    """In all that it prints and writes: the package's own texts name the arguments of Python. A large log has a bar."""
     monkeypatch.setattr("railslip_ctrl.cli.identify._BAR_FROM_BYTES", 1000)
     odd = ("--initial-speed", "60", "--fix", "Kx=274.36 kN", "--bound", "a=0:0.003")
     status, out, err = railslip("identify", log, "--model", "beam", *odd, "--json", "--out", tmp_path / "out")
@@ -283,7 +281,6 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
 
 
 def test_the_chosen_model_has_the_intervals_that_it_has_alone(monkeypatch):
-    """Those of the others are not worked out; their values are the same."""
     alone = {name: found_in(name) for name in ("burckhardt", "beam")}
     monkeypatch.setattr(job.models, "CANDIDATES", tuple(alone))
     both = found_in("best")

@@ -43,8 +43,6 @@ VEHICLE = PARK2008.model_dump()
 
 
 class Thing:
-    """Of no kind that anything takes."""
-
     def __repr__(self) -> str:
         return "<a thing>"
 

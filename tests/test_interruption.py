@@ -60,7 +60,6 @@ posix_alone = pytest.mark.skipif(os.name != "posix", reason="signals to groups o
     (reporting, os.killpg, signal.SIGINT), pytest.param(reporting, os.kill, signal.SIGTERM, marks=pytest.mark.long),
 ])  # fmt: skip
 def test_an_interruption_is_one_line_and_leaves_nothing(tmp_path: Path, begin, send, number: int) -> None:
-    """As its processes start and as they work, of the command alone and of all that the terminal has."""
     command = begin(tmp_path)
     send(command.pid, number)
     out, err = command.communicate(timeout=ENDED)  # to the end of what every process of it might write
@@ -95,7 +94,6 @@ def test_a_script_that_starts_processes_as_it_is_imported_is_told(tmp_path: Path
 
 
 def test_an_interruption_waits_for_the_last_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a report written over another there is all or nothing."""
     writers = {name: lambda path: path.write_text("new") for name in "abc"}
     replace = os.replace
     monkeypatch.setattr(os, "replace", lambda *given: (replace(*given), signal.raise_signal(signal.SIGINT)))
@@ -125,7 +123,6 @@ def test_a_lock_that_a_killed_command_left_is_none(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("variable", [CACHE_VARIABLE, "HOME"])
 def test_without_a_cache_folder_no_temporary_one_stays(tmp_path: Path, variable: str) -> None:
-    """One for the run and its processes, which goes with it."""
     code = (
         "from railslip_ctrl.core.folders import cache_folder\n"
         "from railslip_ctrl.core.processes import processes\n"
@@ -144,7 +141,6 @@ def test_without_a_cache_folder_no_temporary_one_stays(tmp_path: Path, variable:
 
 @pytest.fixture
 def computed(monkeypatch, tmp_path):
-    """A result that counts how often it is computed; its list of times, and the folder it is kept in."""
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     times: list[int] = []
 
@@ -177,7 +173,6 @@ def test_a_spoilt_file_is_computed_again(computed, spoil):
 
 
 def test_other_source_is_another_result(computed, monkeypatch, tmp_path):
-    """The hash is of every module's text: one more line anywhere, and nothing kept is found."""
     compute, times, _ = computed
     (tmp_path / "package").mkdir()
     monkeypatch.setattr(folders, "_PACKAGE", tmp_path / "package")

@@ -127,7 +127,6 @@ def test_curve_is_odd_and_nan_outside_its_domain() -> None:
     "factors", [(1, 1, 1, 1), (9.4, 3.7, 0.45, 0.3), (0.08, 0.2, 2.6, 5.0), (14.0, 0.1, 0.7, 0.06)]
 )
 def test_curve_is_its_integral_far_from_the_published_parameters(factors) -> None:
-    """In steps, and one by one in falling order, against mpmath's quadrature."""
     *own, v0 = published_law("curve", DRY, 100.0).parameters()
     alpha, beta, gamma, R = p = [float(value * factor) for value, factor in zip(own, factors, strict=True)]
     slip = np.linspace(0.0, min(1.0, 0.99 * gamma / v0), 4097)
@@ -278,7 +277,7 @@ def test_another_wheel_load_keeps_mu(name: str) -> None:
 def test_refusals_of_published_laws() -> None:
     assert published_law("bristle", "wet") == published_law("bristle", WET) == published_law("bristle", "dry").on("wet")
     assert law_class("Tyre-LuGre") is law_class("tyre_lugre")
-    cases = [((name, DRY), "give a TOML file with the law") for name in sorted(UNPUBLISHED)]
+    cases = [((name, DRY), "gives no parameters; .* TOML") for name in sorted(UNPUBLISHED)]
     rig = itertools.product(("beam", "bristle", "curve"), (29.999, 140.001, math.nan))
     cases += [((name, DRY, v0), "30 to 140 km/h") for name, v0 in rig]
     loads = itertools.product(("bristle", "polach"), (0.0, math.inf))
@@ -454,7 +453,6 @@ def test_a_law_found_at_another_wheel_load_is_told(railslip, file):
 
 
 def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
-    """The paper's slip may lie anywhere beside the peak of a law of one's own."""
     law = file("bare.toml", f'law = "burckhardt"\n{PARAMETERS}')
     for command in ("linearize", "margins", "tune --ms-max 2", "verify --law predictive", "simulate"):
         told = refused(railslip(*command.split(), "--adhesion", law))
@@ -505,8 +503,6 @@ ASKED = {
 
 @pytest.mark.parametrize("command", [pytest.param(x, marks=[pytest.mark.long] * (x == "tune")) for x in ASKED])
 def test_text_and_json_tell_a_file_s_law_from_the_published_one(railslip, file, command):
-    """Of one name, with other parameters: that of the one case, or of the run."""
-
     def adhesion_law(law):
         found = json.loads(railslip(command, "--adhesion", law, *ASKED[command], "--json")[1])
         return found.get("cases", [found])[0]["adhesion_law"]

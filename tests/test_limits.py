@@ -138,7 +138,6 @@ OF_BOTH = [
 
 @pytest.mark.parametrize("one", OF_BOTH, ids=range(len(OF_BOTH)))
 def test_margins_and_certificates_by_parts_of_the_axis_are_those_by_polynomials(one):
-    """One loop by roots of its polynomials and by parts of the axis: enclosures meet, as wide as promised."""
     *rational, tau = one
     loop = DeadTimeLoop(Rational(*rational), tau)
     if loop.is_stable():
@@ -162,7 +161,6 @@ def test_margins_and_certificates_by_parts_of_the_axis_are_those_by_polynomials(
 
 
 def test_a_gain_margin_beyond_a_nearer_one_is_not_certified(monkeypatch):
-    """That of the next phase crossover, and no lower one where there is one."""
     monkeypatch.setattr(certificate, "_MOST_DELAYED", 600)
     monkeypatch.setattr(certificate, "_BITS", (80,))
     loop = delayed(DeadTimeLoop(Rational([-0.125], [0.0, 0.25, -1 / 0.6], 2.0), 0.15))

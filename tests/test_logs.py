@@ -57,7 +57,6 @@ def with_stamps(count: int, stamps: dict[int, str]) -> str:
 
 
 def rows_below(header: str, convert=lambda line: line) -> str:
-    """The plain log with another header, its rows converted."""
     return header + "\n" + "".join(convert(line) + "\n" for line in PLAIN.splitlines()[1:])
 
 
@@ -68,7 +67,6 @@ def write(tmp_path: Path, text: str | bytes) -> Path:
 
 
 def read(path: Path, **options: object) -> tuple[Rows, Log]:
-    """All rows of a log as one, and the log with the filter of its time stamps."""
     log = Log(path, **options)
     log.stamps = StampFilter(log.name)
     return functools.reduce(Rows.then, log.stamps.rows(log.rows())), log
@@ -81,7 +79,6 @@ def is_plain(rows: Rows, *, lines_more: int = 0) -> bool:
 
 
 def lost(rows: Rows, count: int) -> list[int]:
-    """The lines of a log of so many rows that are not among those read."""
     return sorted(set(range(2, count + 2)) - set(rows.line.tolist()))
 
 
@@ -172,7 +169,6 @@ def test_paths_that_are_no_files(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("block_bytes", [5000, 1 << 20])
 def test_a_packed_log_that_is_cut_gives_what_came_before(tmp_path, block_bytes):
-    """Numbers of noise, which hardly packs, so that the cut is far from the end."""
     noise = 100.0 + np.random.default_rng(0).random((3000, 3))
     rows = "".join(f"{0.01 * i:.2f},{a!r},{b!r},{c!r}\n" for i, (a, b, c) in enumerate(noise.tolist()))
     packed = gzip.compress(f"{HEADER}\n{rows}".encode(), mtime=0)
@@ -207,7 +203,6 @@ def test_lines_above_the_header_are_skipped_with_a_note_or_by_option(tmp_path):
     ("é−x", "'é−x' is not a number, column 'brake torque [kN*m]'; "),
 ])  # fmt: skip
 def test_lines_that_could_not_be_read_come_first_in_a_refusal(tmp_path, cell, text):
-    """As they stand in the file; a point is none of a number where the decimal mark is a comma."""
     lines = PLAIN.replace(",", ";").replace(".", ",").splitlines()
     lines[31:] = [line.replace(";1,5", f";{cell}") for line in lines[31:]]
     with pytest.raises(InputError) as caught:
@@ -299,7 +294,6 @@ def test_columns_that_cannot_be_told(header, columns, units, message):
 @pytest.mark.parametrize("block_bytes", [4000, 4 << 20])
 @pytest.mark.parametrize("filled_from", [1500, 900])
 def test_an_empty_column_that_is_not_needed_is_none(tmp_path, block_bytes, filled_from):
-    """Empty in its first thousand rows: else the rows without a load are broken."""
     lines = [line + (",34" if i >= filled_from else ",") for i, line in enumerate(log_text(1500).splitlines()[1:])]
     path = write(tmp_path, "\n".join([HEADER + ",wheel load [kN]", *lines]) + "\n")
     rows, log = read(path, block_bytes=block_bytes)
@@ -356,7 +350,6 @@ def test_a_last_line_without_its_end_counts_if_it_has_all_cells(tmp_path, cut, k
     *((line, "-5.5") for line in (3, 32, 121)),
 ])  # fmt: skip
 def test_a_stamp_far_off_is_left_out_and_named(tmp_path, line, stamp, block_bytes):
-    """Ahead: the first row, the last but one, around the borders of blocks; behind: the last row too."""
     rows, log = read(write(tmp_path, with_stamps(ROWS, {line: stamp})), block_bytes=block_bytes)
     assert lost(rows, ROWS) == [line]
     (named,) = log.stamps.warnings
@@ -403,10 +396,6 @@ def test_outliers_are_left_out_and_nothing_else_whatever_the_blocks(borders):
 
 @pytest.mark.long
 def test_memory_is_bounded_through_observer_and_curve(tmp_path, monkeypatch):
-    """A log four times as long takes no more, once it is beyond what is kept of it: rows of runs, windows, and sums.
-
-    All are bounded by less than usually; without bounds the sums take a twentieth more, the rows a third.
-    """
     recorder = functools.partial(observed.Recorder, 2000)
     lower = ((curves, "_MOST_ENTRIES", 256), (log_checks, "_MOST_WINDOWS", 256), (observed, "Recorder", recorder))
     lower += ((logs, "LONGEST_LINE", 1 << 16), (OutlierFilter, "piece", 512))  # rows wait for a piece
@@ -443,7 +432,6 @@ def rig(name: str = "burckhardt", speed_kmh: float = 100.0, *, tests: int = 2, s
 
 
 def told(rows: Rows, about: str = "", **options) -> list[str]:
-    """What is said of a log, or of a thing in it, but for its pauses between tests."""
     warnings = curve_of(rows, PARK2008, Options(**options)).warnings
     return [text for text in warnings if "gap of 30" not in text and about in text]
 
@@ -538,7 +526,6 @@ def test_free_rolling_is_as_sure_as_a_median_and_not_seen_while_the_train_is_bra
     pytest.param(0.0, {"tests": 6, "encoder": Encoder(4096), "seed": 3}, 0.003, marks=pytest.mark.long),
 ])  # fmt: skip
 def test_a_lag_is_found_however_large(late, log, known):
-    """And known to a third of the interval, of a single run to half of it: an error of any size would hold it too."""
     rows = rig(**log)
     time, omega = rows.columns["time"], rows.columns["wheel_angular_speed"]
     found = identified(changed(rows, wheel_angular_speed=np.interp(time - late, time, omega)), "burckhardt")
@@ -552,7 +539,6 @@ def test_a_lag_is_found_however_large(late, log, known):
 
 
 def test_a_model_that_does_not_fit_is_named_first_and_no_delay_rests_on_it(monkeypatch):
-    """A delay is looked for with a table then, and with the formula where that fits."""
     rows, asked = rig("beam", random_force=0.0, wheel_noise=0.0), []
     monkeypatch.setattr(job, "lag_of", lambda fit, *_, **__: asked.append(fit.model.name))
     found = identified(rows, "burckhardt")
@@ -627,7 +613,6 @@ def test_wheel_loads_that_differ_are_told():
 
 
 def test_adhesion_that_steel_does_not_have_is_told():
-    """A torque in kgf*m read as one in daN*m or so: ten times the adhesion."""
     (text,) = told(scaled(two_runs(), brake_torque=9.80665), "the highest mean adhesion coefficient is ")
     assert 2.0 < float(text.split("coefficient is ")[1].split(",")[0]) < 10.0
     assert not told(two_runs(), "adhesion coefficient is")
@@ -660,7 +645,6 @@ BACKWARD = "train speed is negative in 1800 rows and positive in 0 rows; .*sign"
 
 @pytest.mark.parametrize(("unit", "second"), [("s", "ms"), ("h", "s"), ("ms", "s"), ("us", "ms"), ("ks", "s")])
 def test_a_time_in_another_unit_than_it_is_read_in_is_told(tmp_path, unit, second):
-    """A log whose seconds stand in one unit, read in another."""
     rows = two_runs()
     path = write_log(tmp_path / "log.csv", changed(rows, time=rows.columns["time"] * {"s": 1.0, "ms": 1e3}[second]))
     read = {"ks": "units of 1e\\+03 s"}.get(unit, unit)

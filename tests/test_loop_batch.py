@@ -14,7 +14,6 @@ VALUES = [name for name in NAMES if not name.endswith("_frequency")]
 
 
 def slip_loops(n, *, lead=False, dead_time=True, seed=0):
-    """PI or PI-lead x actuator lag x two-state plant: gains over two decades, stable and unstable ones."""
     rng = np.random.default_rng(seed)
     lag, reset = rng.uniform(0.3, 0.9, n), 10 ** rng.uniform(-0.5, 1.5, n)
     slip_pole, fast_pole, zero = rng.uniform(-1.5, 3, n), rng.uniform(-40, -2, n), rng.uniform(-30, -1, n)

@@ -336,7 +336,6 @@ def test_the_checker_refuses_a_certificate_with_a_margin_moved(certified):
 
 @pytest.mark.parametrize("name", ["ms_frequency", "mt_frequency"])
 def test_a_peak_that_another_part_of_the_axis_exceeds_is_not_certified(name, monkeypatch):
-    """|S| and |T| in the limit are below their peaks, which the bounds of the parts have to tell by themselves."""
     monkeypatch.setattr("railslip_ctrl.loop.certificate._MOST_PARTS", 300)
     loop = made([-0.125], [0.0, 0.25, -1 / 0.6], 2.0, 0.15)
     with pytest.raises(CertificateError):
@@ -424,7 +423,6 @@ def test_peaks_without_dead_time_in_closed_form(zeros, poles, gain, margins):
 
 @pytest.mark.parametrize("kind", ["wheel_slip", "many_crossovers", "gain_one_at_zero"])
 def test_only_parts_of_the_axis_below_the_peaks_are_shown_to_be(kind):
-    """Parts of any width, against peaks just below and well above what a grid has there."""
     rng, shown = np.random.default_rng(5), 0
     for zeros, poles, gain, dead_time in random_loops.loops(getattr(random_loops, kind), 40):
         response = Response(Rational(zeros, poles, gain), dead_time or 0.1)

@@ -167,7 +167,6 @@ def test_committed_code_is_what_the_statement_generates(name: str) -> None:
 
 
 def test_code_that_does_not_fit_its_sources_is_generated_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A change of the statement must reach the numbers, without generating by hand; else SymPy is not loaded."""
     for name in ("model/plant.py", "core/notation.toml"):
         path, content = tmp_path / name, (written.PACKAGE / name).read_bytes()
         path.parent.mkdir()
@@ -228,7 +227,6 @@ def bristle_point(slip: float = 0.132):
 
 
 def static_pole(slope: float) -> float:
-    """Of a force with a slope over the slip velocity, N/(m/s)."""
     return -(1 / 3517 + 0.43**2 / 60.35) * slope - 0.25 / 60.35  # system.md, section 2
 
 

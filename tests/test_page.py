@@ -37,7 +37,6 @@ CAR, PI_LEAD = (
 
 
 def unpacked(content):
-    """Head and arrays of an answer, as the page reads it."""
     (length,) = struct.unpack("<I", content[:4])
     head, at, arrays = json.loads(content[4 : 4 + length]), 4 + length, {}
     for name, size in head["arrays"].items():
@@ -427,7 +426,6 @@ def test_a_thousand_requests_at_once_leave_the_page_alive(page):
 
 
 def started(*words, folder):
-    """`railslip design` in a process, and its address."""
     code = "from railslip_ctrl.cli import main; main()"
     command = [sys.executable, "-c", code, "design", "--no-browser", *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder)
@@ -435,7 +433,6 @@ def started(*words, folder):
 
 
 def ended(process):
-    """Status, standard output and standard error of one that is interrupted."""
     process.send_signal(signal.SIGINT)
     rest, told = process.communicate(timeout=60)
     return process.returncode, rest, told
@@ -472,7 +469,6 @@ def test_a_port_of_one_s_own_keeps_its_token(tmp_path):
 
 @pytest.mark.long
 def test_a_script_without_a_guard_serves_the_page_too(tmp_path):
-    """Its processes would import it again, and end; the page answers by itself then."""
     script = f"""
 import railslip_ctrl as rs
 from test_page import DESIGN, ENVELOPE, Client

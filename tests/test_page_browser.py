@@ -53,7 +53,6 @@ class Tab:
         return self.driver.execute_script(script, *arguments)
 
     def until(self, script, holds=bool, seconds=60):
-        """What a script gives, as soon as that holds."""
         end = time.monotonic() + seconds
         while not holds(found := self.run(script)):
             assert time.monotonic() < end, (script, found, self.text("message"))
@@ -67,7 +66,6 @@ class Tab:
         return float(self.text(name).replace("−", "-").split()[0].rstrip("°"))
 
     def settled(self):
-        """When the verdict is that of what is shown, with tolerances, and nothing is on its way."""
         shown = "!document.getElementById('answer').classList.contains('stale')"
         self.until(f"return verdict !== null && {IDLE} && {shown}")
         return self
@@ -84,7 +82,6 @@ class Tab:
 
 @pytest.fixture(scope="module")
 def wide():
-    """The page over the whole default envelope but for its laws and loads."""
     with served(Workbench(WIDE, PI_LEAD)) as client:
         yield client
 
@@ -382,8 +379,6 @@ def test_the_page_left_open_goes_on_when_the_server_is_there_again(chromium):
 
 @pytest.mark.long
 def test_it_works_in_the_frame_of_a_notebook(chromium, wide):
-    """Of a server of this machine on another port, as that of a notebook is; its own origin is not asked."""
-
     class Notebook(BaseHTTPRequestHandler):
         def do_GET(self):
             self.send_response(200)

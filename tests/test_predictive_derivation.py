@@ -106,7 +106,6 @@ Layer = namedtuple("Layer", "kappa gain dead_time lag observer_time deceleration
 
 
 def layer_loop(s, point, layer, brake):
-    """The derived loop of the layer at complex s, with the brake beside its model; the speed frozen."""
     frozen, moving = linearize(point), linearize(point, speed_state=True)
     rows = np.array([[float(name == "sigma") for name in frozen.states], moving.A[0, 1:]])
     inverse = s[:, None, None] * np.eye(len(frozen.states)) - frozen.A
@@ -122,7 +121,6 @@ def layer_loop(s, point, layer, brake):
 
 @pytest.mark.parametrize("law", ["curve", "bristle"])
 def test_the_layer_s_loop_against_its_blocks(law) -> None:
-    """Complex arithmetic, block by block; a brake and an inertia that differ from their model."""
     layer, brake = Layer(1.8, 13.25, 0.15, 0.6, 0.051, 0.078, 1.1 * J), Actuator(dead_time=0.2, lag=0.4)
     point, ratio = operating_point(published_law(law, "dry"), PARK2008, 60 / 3.6, 0.09), 1.1 * J / R
     frozen, moving = linearize(point), linearize(point, speed_state=True)
@@ -145,7 +143,6 @@ def test_the_layer_s_loop_against_its_blocks(law) -> None:
 
 @pytest.mark.parametrize("kind", [Predictive, Seeking])
 def test_the_loop_of_the_controller_is_the_derived_one(kind) -> None:
-    """The exact loop of the kinds against the derived formula; a brake that is not as believed."""
     control, brake = kind.for_vehicle(PARK2008), Actuator(dead_time=0.2, lag=0.4)
     layer = Layer(
         *(control.kappa, control.reaching_rate + control.switching_gain / control.layer, control.dead_time),
@@ -158,7 +155,6 @@ def test_the_loop_of_the_controller_is_the_derived_one(kind) -> None:
 
 
 def test_the_printed_python_steps_as_the_controller(railslip) -> None:
-    """The text alone, in a namespace of its own: the same commands to the last bit in random samples."""
     printed: dict = {}
     exec(railslip("derive", "--law", "predictive", "--format", "python")[1], printed)
     control = Predictive.for_vehicle(PARK2008)

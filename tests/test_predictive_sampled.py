@@ -71,7 +71,6 @@ CASES = [
     [*((*case, 0.6) for case in CASES), ("bristle", 60, 0.09, 1.05, 1.0, True, 0.0)],
 )
 def test_its_loop_is_that_of_the_step(name, kmh, slip, late, slow, stable, lag):
-    """|S| at every frequency of the transform is that of the pulse; where the loop is unstable the pulse grows."""
     car = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.15, lag=lag)})
     law = Predictive.for_vehicle(car)
     point = operating_point(published_law(name, "dry"), car, kmh / 3.6, slip)
@@ -112,7 +111,6 @@ def test_its_responses_are_those_of_the_step(name, kmh, slip, late, slow, stable
 
 
 def test_every_case_of_an_envelope_is_judged_as_it_runs():
-    """One by one as all together; the sampled loop decides, and is not bounded by a share of the continuous one."""
     law = Predictive.for_vehicle(PARK2008, reference=ReferenceSlip(dry=0.1, wet=0.07))
     envelope = Envelope(PARK2008, laws=("curve", "bristle"), speeds=(20, 100), loads=("empty",), radius=(1.0,))
     found = judge(envelope, law)

@@ -185,7 +185,6 @@ def decay(t):
 @pytest.mark.parametrize(("name", "rail", "kmh", "slip"), [("curve", "dry", 100, 0.11), ("curve", "wet", 30, 0.09),
     ("beam", "wet", 60, 0.06)])  # fmt: skip
 def test_no_wheel_locks_at_the_certified_torque_and_some_do_little_above(name, rail, kmh, slip):
-    """Against the wheel under the worst constant force and random ones."""
     law = published_law(name, rail)
     torque = float(no_lock(law, PARK2008, np.array([kmh]), np.array([slip]), torque_max=15e3).torque[0, 0])
 
@@ -198,7 +197,6 @@ def test_no_wheel_locks_at_the_certified_torque_and_some_do_little_above(name, r
 
 
 def test_no_wheel_of_a_run_locks_where_it_is_certain():
-    """Released at a sample, under the torque that was then under way and the worst force."""
     run = simulate(stop(PARK2008, "wet", adhesion="beam"), GAINS, seed=0, record_every=1)
     seen, found = run.signals, released_run(run, above=40 / 3.6)
     law, checked = published_law("beam", "wet"), 0

@@ -32,7 +32,6 @@ class Case(NamedTuple):
 
 
 def linear(inputs: int, probability: float, points: int = 1000) -> Case:
-    """Beyond a plane that all inputs share in equally."""
     return Case(
         lambda z: z.sum(axis=1) / math.sqrt(inputs), inputs, float(-stats.norm.ppf(probability)), probability, points
     )
@@ -104,7 +103,6 @@ def estimated(monkeypatch: pytest.MonkeyPatch) -> Callable[..., RareEvent]:
 
 
 def study(estimated: Callable[..., RareEvent], case: Case, estimates: int) -> tuple[float, float, float]:
-    """Relative bias, its standard error, and the share of intervals that hold the probability."""
     found = [estimated(case, seed).probability for seed in range(estimates)]
     values = np.array([one.value for one in found]) / case.probability
     inside = np.mean([one.low <= case.probability <= one.high for one in found])
@@ -341,7 +339,6 @@ def test_the_command_writes_a_stop_that_simulate_repeats(tmp_path, railslip):
 
 @pytest.mark.long
 def test_three_methods_agree_on_the_vehicles():
-    """With few stops, so that the methods agree within a factor of three."""
     for found in script("analysis/rare_events.py").run(stops=400, points=100).values():
         assert 1e-11 < found.event.probability.value < 1e-7
         assert abs(math.log(found.event.importance.value / 1e-9)) < math.log(3.0)

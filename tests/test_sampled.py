@@ -378,7 +378,6 @@ class FractionalModel:
         return expm(block)[:, :2, 2]
 
     def radius(self, dead_times: np.ndarray) -> np.ndarray:
-        """Spectral radius at each dead time, s; all in one period."""
         whole = int(dead_times[0])
         now = self.driven(1 - (dead_times - whole))
         before = self.driven(np.ones(1)) - now

@@ -366,7 +366,6 @@ def test_a_file_is_judged_at_the_slip_that_it_holds_unless_told(railslip, toml):
 
 @pytest.mark.long
 def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_path):
-    """Judged, run and counted alike; it starts and hands over as the report's design does."""
     file = tmp_path / "best.toml"
     case = ("--adhesion", "curve", "--speed", "60", "--speed", "100", "--slip", "0.1")
     words = ("--structure", "pi-lead", "--ms-max", "2", "--envelope", "default", "--out", file, "--json")
@@ -468,7 +467,6 @@ def test_the_csv_is_the_record(tmp_path):
 
 @pytest.mark.parametrize("log_period", ["0.01", "2.5"])
 def test_events_are_told_in_order_of_happening(simulated, file, log_period):
-    """Three events out of order in the file, the one in distance second; a fourth is never reached."""
     own = "{distance = 1e5, mass = 5e3}, {time = 9, mass = 4e3}, {distance = 100, mass = 3800}, {time = 1, mass = 3700}"
     file("events.toml", f'extends = "park2008-si"\nrail = "wet"\nevents = [{own}]')
     signals = simulate(load_scenario("events.toml"), published_controller("pi"), seed=0).signals

@@ -13,7 +13,6 @@ from railslip_ctrl import Rail, load_law
 
 @pytest.mark.parametrize("path", sorted((ROOT / "designs").glob("*.py")), ids=lambda path: path.stem)
 def test_a_design_script_needs_names_from_the_top_alone(path):
-    """No room is named in an import, so that a room may be rebuilt without its users."""
     named = re.findall(r"^\s*(?:from|import) (railslip_ctrl[\w.]*)", path.read_text("utf-8"), flags=re.M)
     assert set(named) == {"railslip_ctrl"}
 
@@ -150,7 +149,6 @@ def test_seeking(ran):
 
 @pytest.mark.long
 def test_from_log(ran, tmp_path):
-    """The law of another vehicle comes out of its log, and the design made from that holds on the true one."""
     result, out, pictures = ran("designs/from_log.py")
     module = script("designs/from_log.py")
     truth, fit, held = module.TRUE_LAW, result.found.chosen.fit, result.held

@@ -92,7 +92,6 @@ def curve_of(slip: float, a: float, b: float, c: float) -> float:
 
 
 def feed(state, p, mu: float, slip: float, moved: float = 1.0) -> None:
-    """One sample of adhesion at a slip, with a torque that does not change."""
     state.filtered_speed, state.filtered_sigma, state.moved = 20.0, 20.0 * slip, moved
     state.adhesion_torque = mu * p.wheel_load * p.radius
     step.learn(state, p, slip)
@@ -151,7 +150,6 @@ def test_a_sample_counts_less_while_the_torque_changes(p, state):
 
 
 def known(state, p, elasticity: float, slip: float) -> None:
-    """A fitted curve of an elasticity at a slip, a reference slip there, moved by much."""
     state.curve = [1.0 + elasticity, 0.0, (1.0 - elasticity) / slip**2]
     state.reference_slip, state.top_slip, state.moved = slip, slip, 1.0
     state.filtered_speed, state.filtered_sigma, state.remembered_torque = 20.0, 20.0 * slip, 2000.0
@@ -355,7 +353,6 @@ def test_a_peak_is_remembered_only_while_slip_rises(p, state):
 
 @pytest.mark.parametrize(("slip", "fades"), [(0.03, True), (0.09, False)])
 def test_the_memory_fades_near_its_slip_and_not_far_past_it(p, state, slip, fades):
-    """Within eight reaction times towards the adhesion of now."""
     state.top_torque, state.top_slip, state.reference_slip, state.filtered_speed = 2000.0, 0.04, 0.11, 20.0
     state.remembered_slip, state.filtered_sigma = slip, 20.0 * slip
     state.remembered_torque = state.adhesion_torque = 1000.0
@@ -365,7 +362,6 @@ def test_the_memory_fades_near_its_slip_and_not_far_past_it(p, state, slip, fade
 
 
 def test_after_a_return_no_more_is_held_than_the_peak_had(p, state):
-    """The torque limit and the train's deceleration, however far the slip is below its reference."""
     state.torque_limit, state.top_torque, state.deceleration = 1900.0, 2000.0, 2.0
     state.filtered_speed, state.filtered_sigma, state.torque_ahead = 20.0, 0.1, 1000.0
     most = 1900.0 + PARK2008.effective_inertia / PARK2008.wheel.radius * 2.0
@@ -502,7 +498,6 @@ def test_the_inner_loop_against_pade_and_a_grid(law, slip, kmh, late):
 @pytest.mark.parametrize(("law", "slip", "kmh"), [("curve", 0.11, 60), ("bristle", 0.0935, 20), ("bristle", 0.11, 100)])
 @pytest.mark.parametrize("faster", [1.0, 7.5])
 def test_its_sampled_loop_comes_to_that_of_a_short_period(law, slip, kmh, late, faster):
-    """What sampling adds to Ms goes with the period, shorter of a faster brake: a tenth of that costs a tenth."""
     own = Actuator(dead_time=0.15 / faster, lag=0.6 / faster)
     car = PARK2008.model_copy(update={"actuator": own})
     control = Seeking.for_vehicle(car)
@@ -521,7 +516,6 @@ def test_its_sampled_loop_comes_to_that_of_a_short_period(law, slip, kmh, late, 
     [("wet", 0.092, 1.0), ("dry", 0.11, 1.3), ("dry", 0.15, math.sqrt(0.5)), ("dry", 0.15, 1.3)],
 )
 def test_certificate_of_the_inner_loop(rail, slip, late):
-    """Beyond the ends of its enclosures the loop is unstable, by the root count of what is changed; before them not."""
     point = operating_point(published_law("curve", rail), PARK2008, 10.0, slip)
     loop = CONTROL.loop(point, Actuator(dead_time=late * 0.15, lag=late * 0.6))
     found, seen = loop.certificate(), loop.margins() if loop.is_stable() else None
@@ -595,7 +589,6 @@ def test_the_slip_that_it_is_judged_at_fades_as_that_of_a_sample(p):
 
 
 def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
-    """Robust at the slips that it comes to, also where the envelope has a reference; margins, JSON and a file agree."""
     envelope = Envelope(vehicle=PARK2008, laws=("curve",), speeds=(60,), dead_time=(0.7, 1.3), lag=(1,), radius=(1,))
     found = judge(envelope, CONTROL)
     assert (found.verdict, found.stable.all(), len(found.points)) == ("robust", True, 28)
@@ -678,7 +671,6 @@ def test_it_is_told_neither_mass_nor_rail_nor_curve():
     ],
 )
 def test_the_bound_with_the_brake_and_what_is_attainable(law, rail, bound, attainable):
-    """Those of another simulator, in the contract of the seeking controller, to its digits; noise is in neither."""
     scenario = stop(PARK2008, rail, adhesion=law).with_changes(limits=BrakeLimits(torque_max=9000.0))
     least, had = clairvoyant_stop(scenario).braking_distance, attainable_stop(scenario).braking_distance
     assert least < had

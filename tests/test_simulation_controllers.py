@@ -36,8 +36,6 @@ PERIOD = 0.01
 
 
 class Stepped:
-    """A controller's step as the kernel has it, run in the interpreter."""
-
     def __init__(self, controller, rail=Rail.DRY):
         law, own = SCENARIO.law(rail), controller.believing(SCENARIO.vehicle)
         self.module = kernel(type(law), own.source_text(), compiled=False)
@@ -50,8 +48,6 @@ class Stepped:
 
 
 class Plain:
-    """A controller's step as it is written, called on objects with its fields."""
-
     def __init__(self, controller, rail=Rail.DRY):
         own = controller.believing(SCENARIO.vehicle)
         numbers = own.parameters(Situation(rail, PERIOD, SCENARIO.law(rail)))
@@ -108,7 +104,6 @@ def test_linear_control_is_the_sampled_controller(rule, tracking_time, lead):
     ids=lambda controller: controller.label,
 )
 def test_a_kernel_s_step_is_the_one_that_is_written(controller, rail):
-    """Command and state, to the last bit; the torque that the brake took is held back, and a sample is missing."""
     step, plain, applied = Stepped(controller, rail), Plain(controller, rail), 0.0
     for k, (v, omega) in enumerate(measured(400, seed=11)):
         seen = math.nan if k == 200 else omega
@@ -221,7 +216,6 @@ def test_designs_follow_another_vehicle():
 
 @pytest.mark.parametrize("name", ["seeking", "slide-protection"])
 def test_gains_and_the_bound_of_a_stop_are_those_of_the_vehicle_whatever_its_load(name, tmp_path):
-    """As its file has it: `sim.simulate --loaded`, a campaign over a loaded scenario and a report run the same."""
     (tmp_path / "loaded.toml").write_text('extends = "stop"\nloaded = true\n[vehicle]\nmass = 4e3\nmass_loaded = 7e3\n')
     scenario = load_scenario(tmp_path / "loaded.toml")
     car = scenario.vehicle.empty()

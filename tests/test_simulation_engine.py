@@ -234,7 +234,6 @@ def test_the_energy_balance_closes(case: str) -> None:
     (0.0, 0.01, 1e-3), (0.15, 0.05, 1e-3), (0.1537, 0.01, 1e-3), (0.0031, 0.01, 1e-3), (0.15, 0.007, 2.3e-3),
 ])  # fmt: skip
 def test_dead_time_is_exact(dead_time: float, period: float, step: float) -> None:
-    """Also where it is a multiple of neither the period nor the step; the torque moves all the time."""
     vehicle = bare_vehicle(dead_time=dead_time, lag=0.6)
     profile = TorqueProfile(times=(0.0, 0.8, 1.3, 2.0), torques=(500.0, 3000.0, -800.0, 400.0), period=period)
     run = sim.simulate(scenario(vehicle, longest_time=3.0, step=step), profile, seed=None)
@@ -355,7 +354,6 @@ def test_runs_repeat_with_their_seed() -> None:
 
 @pytest.mark.parametrize("law", ["curve", "bristle"])
 def test_interpreted_runs_equal_compiled_ones(law: str) -> None:
-    """The same text, with all that a run can have, the locking of the wheel included."""
     base = sim.published_scenario(as_published=False, adhesion=law).with_changes(
         longest_time=2.5,
         events=(sim.Event(distance=11.0, adhesion_factor=0.4), sim.Event(time=1.2, mass=5276.0)),
@@ -409,7 +407,6 @@ def test_a_law_too_stiff_to_integrate_is_named(alpha: float) -> None:
 
 
 def test_a_run_says_that_its_slip_never_came_to_the_reference() -> None:
-    """An integral too slow for the stop; the same with a slip for reference that it comes to; no reference."""
     si = sim.built_in_scenario("park2008-si")
     slow = sim.simulate(si, pi(190.0, 5.0))
     assert not slow.reached
@@ -485,7 +482,6 @@ def test_a_weak_brake_stops_by_its_torque_behind_dead_time_and_lag_or_rate(lag: 
 
 @pytest.mark.parametrize("law", ["curve", "bristle"])
 def test_what_is_attainable_tends_to_that_without_lag(law: str) -> None:
-    """Of a brake whose torque jumps the slip is held at once; a lag of a millisecond is as good."""
     found = []
     for lag in (0.0, 1e-3):
         scenario = sim.stop(bare_vehicle(dead_time=0.15, lag=lag), "dry", adhesion=law)
@@ -508,7 +504,6 @@ def coasting(**changes: object) -> sim.Run:
 
 
 def test_an_encoder_gives_the_mean_of_the_time_between_teeth():
-    """Of a wheel that slows down evenly the speed read is that of the middle between two teeth, to second order."""
     uphill = coasting(gradient=0.02, measurement=sim.Measurement(encoder_teeth=100))
     signals = uphill.signals
     wheel = np.interp(signals.time - 0.5 * signals.time[1], signals.time, signals.wheel_speed)

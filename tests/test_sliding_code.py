@@ -212,7 +212,6 @@ ARGUMENTS = {
 
 
 def options(generator):
-    """Random options of the robust variants, limits that are met, and anti-windup."""
     sides = (("min", -1.0), ("max", 1.0))
     box = {f"theta{i}_{side}": sign * generator.uniform(0.1, 1.0) * 1e-4 for i in (1, 2) for side, sign in sides}
     limits = {"torque_min": 0.0, "torque_max": generator.uniform(500.0, 4e3), "boundary": generator.uniform(0.05, 0.5)}
@@ -264,7 +263,6 @@ MEASURED = (25.0, 53.0, 4000.0)  # m/s, rad/s, N*m: sigma = 2.21 m/s, e = 1.09 m
 
 
 def stepped(given, **estimates):
-    """Torque, and the state after it, of one sample of the law without adhesion, SI, dry."""
     module = python_law(derive())
     values = PLAIN | {"filter_time": 0.1, "period": 0.01, "boundary": 0.0} | gain_parameters(PUBLISHED_LAW)
     p = module.Parameters(**values | {"torque_min": -LARGEST, "torque_max": LARGEST} | given)
@@ -273,8 +271,6 @@ def stepped(given, **estimates):
 
 
 def test_variants_of_the_adaptation() -> None:
-    """Leak, dead zone and box as `robust` derives them, one Euler step by hand."""
-
     def after_a_step(gains):
         _, state = stepped(gain_parameters(gains), theta1_hat=3e-4, theta2_hat=-2e-3)
         return state["s"], (state["theta1_hat"], state["theta2_hat"])
@@ -309,7 +305,6 @@ def test_anti_windup(limit, integral) -> None:
 
 @pytest.fixture(scope="module")
 def in_both_languages(tmp_path_factory):
-    """The code of a law, its Python and its C, made once; undefined behaviour ends it, where the compiler can."""
     flags, empty = ("-fsanitize=undefined", "-fno-sanitize-recover=all"), tmp_path_factory.mktemp("flags") / "empty.c"
     empty.write_text("int main(void) { return 0; }\n")
     if subprocess.run([COMPILER, *flags, empty, "-o", empty.with_suffix("")], capture_output=True).returncode:
@@ -377,8 +372,6 @@ def test_each_adhesion_law_is_derived_and_its_c_has_no_allocation_no_loop_and_no
 
 
 def test_the_committed_law_is_what_the_derivation_gives(tmp_path, monkeypatch):
-    """And depends on the sources that are hashed: all that is imported of `sliding` to derive and print it; where they
-    have changed it is derived at once."""
     assert LAW_FILE.read_text(encoding="utf-8") == generate_law(), "run `make generate`"
     assert law_source() == generate(derive()).python
     program = "import sys, railslip_ctrl.sliding.code, railslip_ctrl.sliding.derivation\nprint(*sys.modules)"
@@ -492,7 +485,6 @@ def test_the_adhesion_in_the_code_is_the_law(adhesion) -> None:
 
 @needs_compiler
 def test_an_adhesion_torque_that_is_no_number_releases_the_brake(in_both_languages) -> None:
-    """Held for the guard's hold time, then released; the law rests meanwhile."""
     law = published(in_both_languages(None), None, 25.0)
     for wrong in (math.nan, math.inf, -math.inf):
         held, state = law.step(25.0, 53.0, 4000.0), dict(vars(law.state))

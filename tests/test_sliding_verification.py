@@ -190,7 +190,6 @@ BEHIND = ["the layer is stable behind the actuator", "the relay slides behind th
 
 @pytest.fixture(scope="module")
 def published():
-    """Conditions by name and conclusion of the published law; those without actuator: test_verification."""
     conditions, findings = effects.published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
     return {one.name: one for one in conditions}, findings
 

@@ -32,7 +32,6 @@ STATUS = {"verify": 1, "reproduce": 1}
 
 
 def words_of(line: str) -> list[str]:
-    """The words after the program's name, with small settings; writes the files that they name."""
     Path("CAMPAIGN.toml").write_text(CAMPAIGN)
     write_log(Path("LOG.csv"), rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH))
     return [*shlex.split(line)[1:], *shlex.split(SMALL.get(line.split()[1], ""))]
@@ -43,7 +42,6 @@ def words_of(line: str) -> list[str]:
 ])  # fmt: skip
 @pytest.mark.usefixtures("without_lag_search", "file")
 def test_a_command_of_the_readme_s_table_runs(line, railslip):
-    """All of them give JSON, but `derive`, which the table asks for code."""
     if "--controller best.toml" in line:
         assert railslip(*shlex.split(TUNE)[1:])[0] == 0
     words = words_of(line)

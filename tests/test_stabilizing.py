@@ -88,7 +88,6 @@ def test_empty_sets_say_why(plant, match):
 
 
 def random_region(rng):
-    """A plant of one of four kinds, of either sign, zeros and poles on both sides, under a PI or one of two PIDs."""
     of_kind = (random_loops.wheel_slip, random_loops.extremum_of_gain_near_one, random_loops.neutral, random_loops.flat)
     zeros, poles, gain, dead_time = of_kind[rng.integers(4)](rng)
     dead_time = min(dead_time, 1.0)

@@ -32,8 +32,6 @@ def as_run(controller, name=None):
 
 
 class PI:
-    """The law of `BUILT_IN`, by its backward difference."""
-
     period = 0.01
     name = "object"
     reference = REFERENCE
@@ -246,7 +244,6 @@ ALONE = "has no margins, because its linear system is not known"
     ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
 ])  # fmt: skip
 def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(file, controller, margins, run):
-    """Asked of `judge` and of `simulate`; None: it does, or is refused as `Linear` is."""
     mine = record_in(Path(file("mine.py", KINDS.replace("{}", controller))), "CONTROLLER", ())
     short = SCENARIO.with_changes(longest_time=0.1, events=())
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")

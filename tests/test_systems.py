@@ -373,7 +373,6 @@ def defects_of(figure):
 
 
 def test_a_loop_without_gain_is_drawn_without_a_curve(groups):
-    """Its magnitude is -inf dB, alone and beside others; a warning of numpy would be an error here."""
     plant = plant_at("bristle", PARK2008, rs.Rail.DRY, 100.0)
     zero = controller_group("no gain", (assess(plant, PIController(PIGains(kp=0.0, ki=0.0)), PARK2008.actuator),))
     assert np.all(zero.curves[0].magnitude_db == -np.inf)
@@ -407,7 +406,6 @@ def test_sweep_figure_leaves_gaps_where_unstable():
 
 
 def test_the_contours_of_gains_are_where_their_levels_are():
-    """kp along x, ki along y: of a record with other numbers of both, and of a region's phase margins."""
     kp, ki = np.geomspace(100.0, 800.0, 5), np.geomspace(1.0, 90.0, 7)
     ms, region = 1.2 + 0.01 * kp[:, None] + 0.002 * ki**2, stabilizing_pi(LAG, 0.1)
     record = RegularGridInterpolator((kp, ki), 1 / ms)
@@ -424,7 +422,6 @@ def test_the_contours_of_gains_are_where_their_levels_are():
 
 
 def test_the_map_of_a_judgement_has_the_worst_of_its_cases_where_the_labels_of_speed_and_load_are():
-    """In its colour, and in its number, rounded up."""
     lead = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
     judged = rs.judge(rs.Envelope(speeds=(20.0, 100.0)), lead)
     points, axes, unstable = judged.points, judged.map.plot().axes, []

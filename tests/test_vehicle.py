@@ -26,7 +26,6 @@ def approx(value: Any) -> Any:
 
 @pytest.fixture
 def file(file: Any) -> Any:
-    """A function that writes a file, a vehicle's if not named otherwise, and gives its path."""
     return lambda text, name="vehicle.toml": Path(file(name, text))
 
 

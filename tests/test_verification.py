@@ -169,7 +169,6 @@ def test_an_error_of_the_estimated_adhesion_torque_costs_gain():
 
 
 def test_the_loaded_vehicle_has_its_own_wheel_load():
-    """At the loaded mass and wheel load the gain that the empty wheel load's adhesion asks for is too small."""
     box = reaching.operating_set(COACH, sigmas=3.0)
     light = replace(box, heavier=1.0)
     loaded = COACH.loaded()
@@ -187,7 +186,6 @@ def test_the_loaded_vehicle_has_its_own_wheel_load():
 
 @pytest.mark.parametrize(("vehicle", "surface"), [(PARK2008, 0.0), (AS_PUBLISHED, 2.0), (COACH, 0.0)])
 def test_the_bound_is_tight_for_the_nonlinear_plant(vehicle, surface):
-    """Of V', without the adaptation's part: a K just below has a counterexample at a corner, one just above none."""
     asked = robust.robust_set(vehicle)
     least, n = reaching.least_gain(vehicle, asked), len(reaching.SEARCHED)
     corners = np.array(list(itertools.product((0.0, 1.0), repeat=n))).T

@@ -124,7 +124,6 @@ def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(mode
 
 @pytest.mark.long
 def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
-    """One log each; the counts of a hundred are what the script is for."""
     module, test = script("analysis/interval_coverage.py"), published_tests("beam")[0]
     result = module.run(1)
     # 24 parameters in dependent threes; at 99 % each more than one law and speed amiss has a probability below 1 %
@@ -140,7 +139,6 @@ def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
 
 @pytest.mark.long
 def test_the_peak_of_a_curve_that_is_no_formula_lies_in_its_interval(capsys, monkeypatch):
-    """Ten random one-hump curves without and with noise; two hundred are what the script is for."""
     module = script("analysis/one_hump_curves.py")
     result = module.run(10, first=1)
     for each in result.values():
@@ -193,7 +191,6 @@ def test_a_ramp_is_the_mean_of_the_ways_up_and_scatters_from_run_to_run():
 
 @pytest.mark.long
 def test_the_scatter_of_the_ramp_is_in_the_error_of_the_peak():
-    """By linear propagation, against peaks of the static curve at other ramps."""
     test = published_tests("bristle")[2]
     found = identified(run_tests(test, tests=6, seed=3), "bristle", initial_speed=V100)
     fitted, load = found.chosen.fit, found.setting.wheel_load
@@ -224,7 +221,6 @@ def test_the_peak_of_bristles_is_that_of_the_ramp_that_is_given():
 
 @pytest.mark.long
 def test_figures_12_and_13_from_the_virtual_rig(ran):
-    """The model that is in the rig fits better than the other at every speed, and its polynomials come back."""
     result, out, pictures = ran("analysis/virtual_rig.py")
     # at 30 km/h the force falls by 7 % only up to half slip: there the beam is not far from the bristles' curve
     for ours, beam, share in zip(result.errors("bristle"), result.errors("beam"), (0.7, 0.5, 0.5, 0.5), strict=True):

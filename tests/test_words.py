@@ -41,7 +41,6 @@ WORD = re.compile(r"(?<![\w.'/^])[A-Za-z][a-z']{3,}(?![\w'(/^])")  # up to three
 
 
 def docstrings(path: Path) -> Iterator[str]:
-    """Texts of a module that stand alone: docstrings, and those below a constant or a field."""
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             yield node.value.value

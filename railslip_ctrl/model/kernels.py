@@ -1,4 +1,4 @@
-"""Simulation kernels: the functions of an adhesion law and the code that calls them, assembled into one module."""
+"""Simulation kernels: modules of the functions of an adhesion law and of the code that calls these functions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-
 _HEAD = '''"""A simulation kernel, assembled by railslip_ctrl.model.kernels: law {law!r}."""
 import math
 from typing import NamedTuple
@@ -42,7 +41,7 @@ def where(condition, one, other):
 
 @compiled
 def table_cell(x, table):
-    """Position of |x| between two nodes, 0 to 1; value and slope at the first; slope at the second; change of value."""
+    """Position of |x| in its interval, 0 to 1; value and slope at the first node; slope at the second; rise."""
     nodes = (table.size - 1) // 2
     place = abs(x) * table[0]
     i = min(int(place), nodes - 2)
@@ -52,7 +51,7 @@ def table_cell(x, table):
 
 @compiled
 def tabulated(x, *rest):
-    """Force at the slip ratio x, odd in x: cubic interpolation of the table, which is the last argument."""
+    """Force at the slip ratio x by cubic interpolation of the table, which is the last argument."""
     u, f0, d0, d1, rise = table_cell(x, rest[-1])
     value = f0 + u * (d0 + u * (3.0 * rise - 2.0 * d0 - d1 + u * (d0 + d1 - 2.0 * rise)))
     return value if x >= 0.0 else -value
@@ -60,7 +59,7 @@ def tabulated(x, *rest):
 
 @compiled
 def tabulated_slope(x, *rest):
-    """Derivative of `tabulated` with respect to the slip ratio, an even function."""
+    """Derivative of `tabulated` with respect to the slip ratio."""
     u, _, d0, d1, rise = table_cell(x, rest[-1])
     return rest[-1][0] * (d0 + u * (2.0 * (3.0 * rise - 2.0 * d0 - d1) + u * 3.0 * (d0 + d1 - 2.0 * rise)))
 
@@ -75,9 +74,8 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     return rows[1][1], rows[1][2], rows[2][1], rows[2][2]
 
 """
-# Only `run` allocates memory. All other functions are inlined into it without reference counts of arrays. This makes a
-# run three times as fast, within a few per cent of the same loop in C. Python calls only `run`; wrappers for the other
-# functions would take a quarter of the compile time.
+# Only `run` allocates memory and is called from Python. The other functions are inlined without reference counts of
+# arrays, which makes a run three times as fast, and without wrappers, which would take a quarter of the compile time.
 COMPILED = """from numba import njit
 
 inlined = {'forceinline': True, '_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
@@ -85,28 +83,25 @@ compiled = njit(nogil=True, error_model='numpy', **inlined)
 entry = njit(cache=True, nogil=True, error_model='numpy')"""
 _INTERPRETED = "\n\ndef compiled(function):\n    return function\n\n\nentry = compiled"
 
-# imports of a part: unnecessary in the assembled text, which defines these names itself
 _IMPORTS = re.compile(r"^(from \S+ import (\([^)]*\)|.*)|import .*)\n", re.MULTILINE)
 
 
 def scalar_source(law: type[AdhesionLaw]) -> str:
-    """Text of the numeric functions of an adhesion law, marked for compilation in a kernel."""
+    """Text of the numeric functions of an adhesion law, each with the decorator `compiled`."""
     return re.sub(r"^def ", "@compiled\ndef ", plain(source(law)), flags=re.MULTILINE)
 
 
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
-    """Text of a kernel module: the functions of an adhesion law, then the code that calls these functions.
+    """Text of a kernel module: the functions of an adhesion law, then `parts`, texts of code that calls them.
 
-    - parts: texts of this code, as `plain` returns them. One text defines `run`, the function that Python calls; the
-      decorator `entry` marks it.
-    - compiled: true for Numba, false for plain Python.
+    One part defines `run`, the function that Python calls. `compiled`: for Numba; otherwise for plain Python.
     """
     head = _HEAD.format(law=law.name, marker=COMPILED if compiled else _INTERPRETED)
     return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
 
 
 def plain(text: str) -> str:
-    """Text of a module without its docstring and imports, for use inside another module."""
+    """Remove docstring and imports from the text of a module."""
     return _IMPORTS.sub("", re.sub(r'\A""".*?"""\n', "", text, count=1, flags=re.DOTALL))
 
 
@@ -115,25 +110,21 @@ def prefixed(text: str, prefix: str) -> str:
     return re.sub(r"^def (\w+)\(", rf"def {prefix}\1(", text, flags=re.MULTILINE)
 
 
-# --- placeholders, for readers and type checkers, of names that the assembled kernel module defines ------------------
-
-
 F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(function: F) -> F:
-    """Mark a function that Numba inlines into the loop and that may not allocate; no effect when interpreted."""
+    """Mark a function that Numba inlines and that may not allocate memory."""
     return function
 
 
 def entry(function: F) -> F:
-    """Mark the function that Python calls: compiled, cached, free to allocate; no effect when interpreted."""
+    """Mark the function that Python calls; it may allocate memory."""
     return function
 
 
+# for type checkers: the assembled kernel module defines the function
 def _placeholder(name: str) -> Callable[..., object]:
-    """Stand-in for a function of the assembled kernel module; a call raises NotImplementedError."""
-
     def undefined(*_: object) -> object:
         raise NotImplementedError(f"{name} is defined only in an assembled kernel module (see module_text)")
 
@@ -149,16 +140,12 @@ rates_and_powers = _placeholder("rates_and_powers")
 rest_state = _placeholder("rest_state")
 stiffness = _placeholder("stiffness")
 
-
-# --- kernels compiled by Numba, and cached ---------------------------------------------------------------------------
-
-
 logger = logging.getLogger(__name__)
 
 
 @cache
 def module_of(text: str, *, compiled: bool = True) -> ModuleType:
-    """Load a kernel text as a module; `compiled` must be the same as in `module_text`."""
+    """Load a kernel text as a module; `compiled` must have the value that `module_text` got."""
     name = f"railslip_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     if not compiled:
         module = ModuleType(name)
@@ -176,14 +163,12 @@ def module_of(text: str, *, compiled: bool = True) -> ModuleType:
     return module
 
 
-@cache
+@cache  # one message per process
 def _log_compiling(folder: Path) -> None:
-    """Log, once per process, that the simulation is being compiled."""
     logger.warning("compiling the simulation, which takes some seconds per law and controller (stored in %s)", folder)
 
 
 def _stored(name: str, text: str) -> Path:
-    """Write the text of a kernel to a file in the cache folder, unless the file has it already; return the path."""
     path = cache_folder() / f"{name}.py"
     if not path.is_file() or path.read_text("utf-8") != text:
         with staged(path.parent) as new:  # another process may write the same text at the same time

@@ -1,8 +1,4 @@
-"""Operating points of constant slip, and the plant linearised there with the train speed frozen or as a state.
-
-Braking at constant slip is not an equilibrium, because v falls. An operating point consists of v, lambda, rail,
-law, the adhesion state with z' = 0, and the brake torque with lambda' = 0. The travelling resistance acts on v'.
-"""
+"""Operating points of braking at constant slip, and the plant linearised there."""
 
 from __future__ import annotations
 
@@ -28,22 +24,16 @@ STATES = ("v", "sigma", "z")
 INPUTS = ("brake_torque",)
 OUTPUTS = ("sigma", "lambda", "error")
 
-# Largest residual: sum of cancelling accelerations relative to their size; rounding gives a few 1e-16.
-_LARGEST_RESIDUAL = 1e-12
-
-# Relative distance within which a slip counts as being at a kink; rounding, a few 1e-16, is far smaller.
-_KINK_TOLERANCE = 1e-9
-
+_LARGEST_RESIDUAL = 1e-12  # rounding gives a few 1e-16
+_KINK_TOLERANCE = 1e-9  # relative distance of a slip from a kink; rounding is far smaller
 _SAME_LOAD = 1e-6  # relative difference within which two wheel loads are equal; loads in files may be rounded
-
-# Slip ratio for the extrapolation of the Jacobian to slip 0; the error is of order slip^2.
-_NEXT_TO_ZERO = 1e-7
+_NEXT_TO_ZERO = 1e-7  # slip ratio for the extrapolation of the Jacobian to slip 0; the error is of order slip^2
 _LIMIT_TOLERANCE = 1e-6  # largest relative difference between the Jacobian at slip 0 and its limit
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Operating point of braking at constant slip.
+    """Operating point of braking at constant slip; the train speed falls, so that it is not an equilibrium.
 
     - law, vehicle, rail: adhesion law, quarter car and rail condition of the point.
     - speed: v, m/s.
@@ -52,10 +42,8 @@ class OperatingPoint:
     - adhesion_force: Fa, N.
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
-    - gain: (acting/commanded torque) times (measured/true slip velocity), a ratio; 1 if brake and measurement are
-      exact.
-    - residual: numerical error of lambda' = 0 and z' = 0, a ratio. Each rate is divided by the magnitude of the terms
-      that cancel in it; the larger quotient counts.
+    - gain: (acting/commanded torque) times (measured/true slip velocity), a ratio; 1 without errors.
+    - residual: largest relative rounding error of lambda' = 0 and z' = 0, a ratio.
     """
 
     law: AdhesionLaw
@@ -87,7 +75,7 @@ class OperatingPoint:
 
     @property
     def place(self) -> str:
-        """Description of the point without the law: rail, speed, slip and mass."""
+        """Description of the point: rail, speed, slip and mass."""
         return f"{self.rail} rail, {self.speed_kmh:g} km/h, slip {self.slip:g}, M {self.vehicle.mass:g} kg"
 
     @property
@@ -111,19 +99,17 @@ def operating_point(
     rail: Rail | None = None,
     initial_speed_kmh: float | None = None,
 ) -> OperatingPoint:
-    """Compute the operating point of a law at a speed and a slip: steady adhesion state and brake torque.
+    """Compute the adhesion state and the brake torque with which the slip ratio is constant.
 
     - law: adhesion law with the parameters for the rail condition.
     - vehicle: quarter car, SI.
     - speed: v, m/s, > 0.
-    - slip: lambda, a ratio, 0 <= slip < 1; positive in braking.
+    - slip: lambda, a ratio, 0 <= slip < 1.
     - rail: rail condition, used only as a label; by default that of the law.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h, used only as a label.
 
-    Returns speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m. InputError: an
-    argument of wrong type, or a law for a wheel load that is not the vehicle's. DomainError: the speed is not finite
-    and positive, the slip is outside 0 <= lambda < 1, or the law is not valid at this point. KinkError: slip 0 with a
-    dynamic law, whose steady state is undefined at slip 0.
+    InputError: a law for another wheel load than the vehicle's. DomainError: a speed or slip outside the domain of the
+    law. KinkError: slip 0 with a dynamic law, which has no unique steady state there.
     """
     if initial_speed_kmh is not None:
         number("initial_speed_kmh", initial_speed_kmh, "km/h", gt=0)
@@ -160,7 +146,7 @@ def operating_point(
 
 
 def _residual(functions: NumericPlant, state: tuple[float, float, float, float], p: tuple[float, ...]) -> float:
-    """Residual of the equations of motion at an operating point (v, sigma, z, Tb); see `OperatingPoint`."""
+    # rates that should be 0, divided by the size of the terms that cancel in them
     v, sigma, z, torque = state
     v_rate, sigma_rate, z_rate = (float(rate) for rate in functions.rates(v, sigma, z, torque, 0.0, 0.0, p))
     force = float(functions.force(v, sigma, z, 0.0, 0.0, 0.0, p))
@@ -176,9 +162,8 @@ class LinearPlant:
 
     - point: the operating point.
     - A, B, C, D: ndarray, (n, n), (n, 1), (3, n), (3, 1); SI; deviations from the operating point.
-    - states: "v" first if the speed is a state, "sigma", then "z" for a dynamic law.
-    - inputs, outputs: "brake_torque"; "sigma", "lambda" and "error" = lambda_d v - sigma, with the point's slip as
-      lambda_d.
+    - states: "v" if the speed is a state, "sigma", and "z" for a dynamic law.
+    - inputs, outputs: "brake_torque"; "sigma", "lambda", and "error" = slip v - sigma with the slip of the point.
     """
 
     point: OperatingPoint
@@ -202,10 +187,8 @@ class LinearPlant:
 
     @property
     def zeros(self) -> Complexes:
-        """Zeros from brake torque to sigma, rad/s, rightmost first.
-
-        They are the eigenvalues of A without the row and the column of sigma, because the torque enters only sigma'.
-        """
+        """Zeros from brake torque to sigma, rad/s, rightmost first."""
+        # eigenvalues of A without the row and the column of sigma, because the torque enters only sigma'
         others = [index for index, name in enumerate(self.states) if name != "sigma"]
         return _sorted_roots(self.A[np.ix_(others, others)])
 
@@ -219,7 +202,7 @@ class LinearPlant:
         return self.gain * _polynomial(self.zeros), _polynomial(self.poles)
 
     def to_control(self) -> control.StateSpace:
-        """The linear plant as a python-control system with its state, input and output names."""
+        """The linear plant as a python-control system with named states, inputs and outputs."""
         import control
 
         labels = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
@@ -227,28 +210,24 @@ class LinearPlant:
 
 
 def _sorted_roots(matrix: Floats) -> Complexes:
-    """Eigenvalues of a matrix, rightmost first."""
     roots = np.linalg.eigvals(matrix).astype(np.complex128)
     return roots[np.lexsort((roots.imag, -roots.real))]
 
 
 def _polynomial(roots: Complexes) -> Floats:
-    """Real coefficients of the monic polynomial with these roots."""
     return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)  # roots come in conjugate pairs
 
 
 @checked
 def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> LinearPlant:
-    """Linearise about free rolling at a speed (m/s): slip 0, and z = 0 for a dynamic law.
+    """Linearise at slip 0, where every braking run starts; z = 0 for a dynamic law.
 
     - law: adhesion law with the parameters for the rail condition.
     - vehicle: quarter car, SI.
     - speed: v, m/s, > 0.
 
-    Every braking run starts at this point. A dynamic law without damping at slip 0, as the railway bristle model, then
-    acts as a spring between wheel and rail, with poles at +-j sqrt(alpha (r^2/J + 1/M)). Only the control loop damps
-    the wheel. InputError as in `operating_point`; DomainError for a speed that is not finite and positive; KinkError if
-    the law has no derivative at slip 0.
+    The railway bristle model acts here as a spring without damping between wheel and rail; its poles are
+    +-j sqrt(alpha (r^2/J + 1/M)). Errors as in `operating_point`; KinkError if the law has no derivative at slip 0.
     """
     if not law.has_state:
         return linearize(operating_point(law, vehicle, speed, 0.0))
@@ -266,11 +245,9 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     """Linearise at an operating point by the analytic Jacobian of the plant.
 
     - point: from `operating_point`.
-    - speed_state: if true, v is the first state; by default the speed is frozen.
+    - speed_state: if true, v is the first state; by default the speed is constant.
 
-    Returns A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
-    InputError: an argument of wrong type. KinkError: the law has no unique derivative at the slip of the point, or at a
-    slip that differs from it by at most 1e-9 of its value.
+    KinkError: the law has no unique derivative at the slip of the point.
     """
     law = point.law
     for kink in law.kinks(point.speed, point.vehicle.wheel_load):
@@ -285,15 +262,12 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
         limit = 2.0 * _jacobian(point, step) - _jacobian(point, 2.0 * step)
         # Jacobian and limit differ if the law's equations contain sign(sigma)
         if not np.allclose(full, limit, rtol=0.0, atol=_LIMIT_TOLERANCE * np.max(np.abs(limit))):
-            raise KinkError(
-                f"slip: 0 at {point.speed_kmh:g} km/h is a kink of the equations of adhesion {law.name!r}; linearise "
-                "at a slip > 0"
-            )
+            raise KinkError(f"slip: 0 is a kink of adhesion {law.name!r}; linearise at a slip > 0")
     return _linear_plant(point, full, speed_state=speed_state)
 
 
 def _jacobian(point: OperatingPoint, sigma: float) -> Floats:
-    """Jacobian of the rates of v, sigma and z at the point's speed and state and at `sigma`, m/s."""
+    """Jacobian of the rates of v, sigma and z at the operating point, but at the slip velocity `sigma`."""
     law = point.law
     functions, p = numeric_plant(type(law)), plant_parameters(law, point.vehicle)
     z = point.adhesion_state or 0.0
@@ -302,7 +276,6 @@ def _jacobian(point: OperatingPoint, sigma: float) -> Floats:
 
 
 def _linear_plant(point: OperatingPoint, full: Floats, *, speed_state: bool) -> LinearPlant:
-    """Select the states of the linear plant from the full Jacobian."""
     indices = [*([0] if speed_state else []), 1, *([2] if point.law.has_state else [])]
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
@@ -310,23 +283,20 @@ def _linear_plant(point: OperatingPoint, full: Floats, *, speed_state: bool) -> 
     return LinearPlant(point, A, B, outputs[:, indices], np.zeros((3, 1)), tuple(STATES[index] for index in indices))
 
 
-# --- the nonlinear plant as a python-control system ----------------------------------------------------------------
-
 NONLINEAR_INPUTS = ("brake_torque", "disturbance_torque", "random_adhesion_torque")
 NONLINEAR_OUTPUTS = (*OUTPUTS, "v", "omega")
 
 
 @checked
 def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float) -> control.NonlinearIOSystem:
-    """Nonlinear plant as a python-control system; states v (m/s, > 0), sigma (m/s) and, for a dynamic law, z (m).
+    """Nonlinear plant, [Park2008] (1)-(4), as a python-control system.
 
     - law: adhesion law with the parameters for the rail condition.
     - vehicle: quarter car, SI.
-    - reference_slip: lambda_d, a ratio, 0 <= reference_slip < 1, in the output error = reference_slip v - sigma.
+    - reference_slip: lambda_d, a ratio, 0 <= reference_slip < 1; the output "error" is reference_slip v - sigma.
 
-    Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v
-    (m/s), omega (rad/s). [Park2008] (1)-(4). InputError: an argument of wrong type, or a reference slip outside its
-    range.
+    States: v (m/s, > 0), sigma (m/s) and, for a dynamic law, z (m). Inputs: brake, disturbance and random adhesion
+    torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v (m/s), omega (rad/s).
     """
     import control
 

@@ -1,12 +1,10 @@
-"""Numeric functions of the plant, generated from its SymPy equations: one module per law, for arrays and kernels.
+"""Numeric functions of the plant, generated from its SymPy equations: one module per adhesion law.
 
-`make generate` writes the modules to `_generated/`, so that numeric evaluation does not import SymPy. Each contains a
-hash of its sources (`plant.py`, `notation.toml`, the law's file). If the hash does not match, the functions are
-generated in memory. An edited plant or a new law therefore works without `make generate`, but starts more slowly.
+`make generate` writes the modules to `_generated/`, so that numeric evaluation does not import SymPy. If the sources of
+a module have changed, its functions are generated in memory, and the start takes longer.
 
 The functions have the names of the fields of `plant.ClosedPlant` and take (v, sigma, z, Tb, Td, Tr, p): speeds in m/s,
-z in m, torques in N*m, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores
-`z`. In a kernel (`kernels`) the last argument, after `p`, is the table of a force without a closed form.
+z in m, torques in N*m, all numbers or arrays of one shape, and the tuple p of `plant_parameters`.
 """
 
 from __future__ import annotations
@@ -31,18 +29,14 @@ from .vehicle import GRAVITY, Vehicle
 PACKAGE = Path(__file__).parents[1]
 GENERATED = PACKAGE / "model" / "_generated"
 
-WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance")
-"""Names of the energy sinks of train and wheel, in the order of `plant.powers`."""
-
-
-NumericPlant: TypeAlias = ModuleType  #: module with the numeric functions of a law and `lag_rate`
+WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance")  #: energy sinks of train and wheel
+NumericPlant: TypeAlias = ModuleType  #: module with the numeric functions of an adhesion law
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle, gradient: float = 0.0) -> tuple[float, ...]:
     """Parameters `p` of the numeric functions, SI: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then the law's parameters.
 
-    Fr0 includes the component of the weight along the track for a `gradient` (rise over length, a ratio). The inertia
-    scale does not apply to this component.
+    Fr0 includes the component of the weight along a track with a `gradient` (rise over length, a ratio).
     """
     inertias = (vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction)
     along = vehicle.resistance.constant + vehicle.mass * GRAVITY * gradient
@@ -52,7 +46,7 @@ def plant_parameters(law: AdhesionLaw, vehicle: Vehicle, gradient: float = 0.0) 
 
 @cache
 def numeric_plant(law: type[AdhesionLaw]) -> NumericPlant:
-    """Numeric functions of an adhesion law: the committed module if it matches its sources, else a generated one."""
+    """Numeric functions of an adhesion law."""
     if _is_committed(law):
         return importlib.import_module(f"{__package__}._generated.{law.name}")
     module = ModuleType(f"generated_{law.name}")
@@ -62,7 +56,7 @@ def numeric_plant(law: type[AdhesionLaw]) -> NumericPlant:
 
 @cache
 def source(law: type[AdhesionLaw]) -> str:
-    """Text of the numeric module of an adhesion law: the committed text if it matches its sources, else a new one."""
+    """Text of the numeric module of an adhesion law: the committed file, or new text if the sources have changed."""
     if _is_committed(law):
         return (GENERATED / f"{law.name}.py").read_text(encoding="utf-8")
     return generate(law)
@@ -76,13 +70,12 @@ def generate(law: type[AdhesionLaw]) -> str:
 
 
 def _is_committed(law: type[AdhesionLaw]) -> bool:
-    """True if the committed module of a law exists and matches its sources."""
     path = GENERATED / f"{law.name}.py"
     return path.is_file() and f'SOURCES_SHA256 = "{sources_hash(law)}"' in path.read_text(encoding="utf-8")
 
 
 def sources_hash(law: type[AdhesionLaw]) -> str:
-    """SHA-256 of the sources of a law's generated module."""
+    """SHA-256 of the sources from which the numeric module of a law is generated."""
     law_file = Path(sys.modules[law.__module__].__file__ or "")
     digest = hashlib.sha256()
     for path in (PACKAGE / "model" / "plant.py", PACKAGE / "core" / "notation.toml", law_file):
@@ -90,18 +83,14 @@ def sources_hash(law: type[AdhesionLaw]) -> str:
     return digest.hexdigest()
 
 
-# --- adhesion coefficient, peak and table --------------------------------------------------------------------------
-
-
 def adhesion_coefficient(law: AdhesionLaw, speed: float, slip: ArrayLike, wheel_load: float) -> Floats | np.float64:
     """Adhesion coefficient mu = Fa/N in steady state (z' = 0 for a dynamic law).
 
-    - law: adhesion law with its parameters.
     - speed: v, m/s, > 0.
     - slip: slip ratios, any shape.
     - wheel_load: N, > 0.
 
-    DomainError: a speed or slip outside the domain of the law.
+    DomainError: a speed or slip outside the domain of the `law`.
     """
     sigma = np.asarray(slip, dtype=float) * speed
     law.check_domain(speed, sigma)
@@ -120,7 +109,7 @@ _LOWEST_SLIP = 1e-6  # lowest slip ratio of the grid
 
 @dataclass(frozen=True)
 class Peak:
-    """Peak of the steady-state adhesion curve: slip ratio and adhesion coefficient at the peak."""
+    """Slip ratio and adhesion coefficient at the peak of the steady-state adhesion curve."""
 
     slip: float
     coefficient: float
@@ -128,9 +117,9 @@ class Peak:
 
 @lru_cache(maxsize=512)  # all plants of an envelope with the same law, speed and wheel load share the peak
 def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
-    """Peak of mu over the slip ratio within the law's domain, at a speed in m/s and a wheel load in N.
+    """Peak of mu over the slip ratio, at a speed in m/s and a wheel load in N.
 
-    If adhesion falls with slip from slip 0 on (bristle, Dahl, LuGre), the peak is at the lowest slip of the grid, 1e-6.
+    If mu is largest at slip 0 (bristle, Dahl, LuGre), the returned peak is at slip 1e-6.
     """
     from scipy.optimize import minimize_scalar
 
@@ -149,17 +138,15 @@ def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
     return Peak(float(optimum.x), -float(optimum.fun))
 
 
-TABLE_INTERVALS = 4096
-"""Intervals of a table over the slip ratio; cubic interpolation is then accurate to 1e-11 for the bristle curve."""
+TABLE_INTERVALS = 4096  #: intervals of a table; the interpolated bristle curve is then accurate to 1e-11
 
 
 @lru_cache(maxsize=32)  # the controllers of a campaign share the rails; a table costs as much as half a run
 def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
-    """Table of the force of a law without closed form, over slip ratios 0 to 1 at a wheel load, N.
+    """Table of the force of a law without closed form, over slip ratios 0 to 1 at a wheel load, N; [0] for other laws.
 
-    The first element is the number of intervals per unit of slip. Then follow, for each node, the force, N, and the
-    slope of the force over slip times the node distance, N. The table ends where the domain of the law ends. A law in
-    closed form needs no table; the result is one element, 0.
+    The first element is the number of intervals per unit of slip. Then each node has two elements: the force, N, and
+    its slope over slip times the node distance, N.
     """
     if not has_table(type(law)):
         return np.zeros(1)

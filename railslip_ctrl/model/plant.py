@@ -1,11 +1,7 @@
 """Equations of motion of the quarter car and its actuator in SymPy: [Park2008] (1)-(4) and p. 55.
 
-This module is the only statement of the plant. Right-hand sides, Jacobians and trim torque are derived from it and
-printed as the text of a law's numeric functions. Symbols are those of `notation`. The adhesion force is the symbol Fa
-until `close` replaces it by the equations of a law.
-
-Sign conventions: sigma = v - r omega and Fa are positive in braking. The random adhesion torque Tr is r times a
-random part of the adhesion force; it enters (3) as +Tr and (4) as -Tr/r.
+All functions of the plant are derived from these equations. sigma = v - r omega and Fa are positive in braking. The
+random adhesion torque Tr is r times the random part of the adhesion force.
 """
 
 from __future__ import annotations
@@ -23,21 +19,15 @@ from railslip_ctrl.core.records import dataclass
 
 from .adhesion import AdhesionLaw
 
-ARGUMENTS = ("v", "sigma", "z", "Tb", "Td", "Tr")
-"""Arguments of every derived function, in order: m/s, m/s, m, N*m, N*m, N*m."""
-
-VEHICLE_PARAMETERS = ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2", "N")
-"""Vehicle parameters, in order; the parameters of the law follow them."""
-
-STATES = ("v", "sigma", "z")  #: states, in order; a static law has no z, and its z' is 0
-JACOBIAN_COLUMNS = ("v", "sigma", "z", "Tb")  #: variables of the derivatives of the rates, in order
+ARGUMENTS = ("v", "sigma", "z", "Tb", "Td", "Tr")  #: arguments of every derived function: m/s, m/s, m, N*m, N*m, N*m
+VEHICLE_PARAMETERS = ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2", "N")  #: the parameters of the law follow them
+STATES = ("v", "sigma", "z")  #: a static law has no z, and its z' is 0
+JACOBIAN_COLUMNS = ("v", "sigma", "z", "Tb")  #: variables of the derivatives of the rates
 
 v, omega, sigma, slip, z = (symbol(name) for name in ("v", "omega", "sigma", "slip", "z"))
 Fa, Ta, Tb, Td, Tr, Fr = (symbol(name) for name in ("Fa", "Ta", "Tb", "Td", "Tr", "Fr"))
 M, J, B, r, Fr0, Fr1, Fr2 = (symbol(name) for name in ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2"))
 v_rate, omega_rate = symbol("v_rate"), symbol("omega_rate")
-
-# --- equations of motion -------------------------------------------------------------------------------------------
 
 SLIP_VELOCITY = sp.Eq(sigma, v - r * omega)
 SLIP_RATIO = sp.Eq(slip, sigma / v)  # (2)
@@ -48,22 +38,19 @@ TRAIN = sp.Eq(M * v_rate, -Fa - Fr - Tr / r)  # (4)
 
 
 def actuator_transfer() -> sp.Expr:
-    """Transfer function Ga(s) = exp(-tau s)/(T s + 1) from commanded to acting brake torque ([Park2008] p. 55)."""
+    """Transfer function from commanded to acting brake torque ([Park2008] p. 55)."""
     s, tau, T = symbol("s"), symbol("tau"), symbol("T")
     return sp.exp(-tau * s) / (T * s + 1)
 
 
 def actuator_lag_rate() -> sp.Expr:
-    """Rate Tb' of the acting torque, N*m/s, by the lag of Ga; Tc is the command after the dead time."""
+    """Rate Tb' of the acting torque, N*m/s; Tc is the command after the dead time, N*m."""
     return (symbol("Tc") - Tb) / symbol("T")
-
-
-# --- derived expressions -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Rates of v, omega, sigma and slip as functions of (v, sigma, Fa, Tb, Td, Tr): m/s^2, rad/s^2, m/s^2, 1/s."""
+    """Rates of v, omega, sigma and slip ratio: m/s^2, rad/s^2, m/s^2, 1/s."""
 
     v_rate: sp.Expr
     omega_rate: sp.Expr
@@ -73,7 +60,7 @@ class Motion:
 
 @cache
 def motion() -> Motion:
-    """Solve [Park2008] (3) and (4) for the accelerations, and derive the rates of sigma and lambda from them."""
+    """Derive the rates of speed, wheel speed, slip velocity and slip ratio from [Park2008] (3) and (4)."""
     wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
     known = {ADHESION_TORQUE.lhs: ADHESION_TORQUE.rhs, RESISTANCE.lhs: RESISTANCE.rhs}
     train = sp.expand(sp.solve(TRAIN, v_rate)[0].subs(known))
@@ -87,16 +74,12 @@ def motion() -> Motion:
 
 @cache
 def trim_torque() -> sp.Expr:
-    """Brake torque Tb, N*m, at which lambda' = 0, travelling resistance included."""
+    """Brake torque Tb, N*m, with which the slip ratio is constant."""
     return sp.expand(sp.solve(motion().slip_rate, Tb)[0])
 
 
 def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
-    """Power, W, that each energy sink of `numeric.WORKS` takes from the kinetic energy of train and wheel.
-
-    d/dt (M v^2/2 + J omega^2/2) is linear in Tb, Fa, B, the travelling resistance, Tr and Td. Each power is
-    minus the respective term.
-    """
+    """Power, W, that each energy sink of `numeric.WORKS` takes from the kinetic energy of train and wheel."""
     wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
     kinetic = sp.expand(M * v * motion().v_rate + J * wheel_speed * motion().omega_rate)
     sinks = ((Tb,), (Fa,), (B,), (Fr0, Fr1, Fr2), (Tr,), (Td,))
@@ -107,7 +90,7 @@ def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
 
 @dataclass(frozen=True)
 class ClosedPlant:
-    """The plant with an adhesion law; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters."""
+    """Plant with an adhesion law, as expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the parameters of the law."""
 
     force: sp.Expr  # adhesion force, N
     force_and_gradient: tuple[sp.Expr, ...]  # `force`, then its derivatives with respect to `STATES`
@@ -119,7 +102,7 @@ class ClosedPlant:
 
 
 def close(law: type[AdhesionLaw]) -> ClosedPlant:
-    """Replace Fa in the plant by the equations of a law; InputError if a parameter has the name of a plant symbol."""
+    """Insert the equations of an adhesion law; InputError if a parameter has the name of a plant symbol."""
     taken = {*ARGUMENTS, *VEHICLE_PARAMETERS} & set(law.parameter_names())
     if taken:
         raise InputError(f"adhesion {law.name!r}: parameter {min(taken)!r} is the name of a plant symbol; rename it")
@@ -140,15 +123,12 @@ def close(law: type[AdhesionLaw]) -> ClosedPlant:
 
 
 def _derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
-    """Derivative of an expression without the Dirac terms of jumps; at a jump the law has a kink."""
+    # at a jump, where the derivative has a Dirac term, the law has a kink
     return sp.diff(expression, variable).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
-# --- text of the numeric module ------------------------------------------------------------------------------------
-
-
 def numeric_text(law: type[AdhesionLaw], sources_hash: str) -> str:
-    """Generate the text of the numeric module of a law, with the hash of its sources."""
+    """Generate the text of the numeric module of an adhesion law."""
     closed, own = close(law), law.statement().functions
     in_force = {type(function).__name__ for function in closed.force.atoms(sp.Function)}
     # names of the functions in a kernel that interpolate the table
@@ -171,10 +151,7 @@ def numeric_text(law: type[AdhesionLaw], sources_hash: str) -> str:
 
 
 class _NumericPrinter(NumPyPrinter):  # type: ignore[misc]
-    """SymPy's printer for NumPy, limited to code that Numba compiles for scalars, without slow powers and `select`.
-
-    `readers`: the name to print for each SymPy function class that the law defines, by the name of the class.
-    """
+    """Printer of NumPy code that Numba compiles; `readers` maps SymPy function classes to the names to print."""
 
     def __init__(self, readers: dict[str, str]) -> None:
         super().__init__()
@@ -225,7 +202,6 @@ class _NumericPrinter(NumPyPrinter):  # type: ignore[misc]
 
 
 def _function_text(name: str, value: Any, arguments: tuple[str, ...], parameters: list[str], printer: Any) -> str:
-    """Text of one function of the numeric module."""
     # the underscore keeps the names of temporaries apart from the symbols of the law
     temporaries, flat = sp.cse(_flatten(value), symbols=sp.numbered_symbols("_x"))
     used = {str(symbol) for each in (*(e for _, e in temporaries), *flat) for symbol in each.free_symbols}
@@ -242,12 +218,10 @@ def _function_text(name: str, value: Any, arguments: tuple[str, ...], parameters
 
 
 def _flatten(value: Any) -> list[Any]:
-    """All expressions in a nested tuple."""
     return [item for part in value for item in _flatten(part)] if isinstance(value, tuple) else [value]
 
 
 def _nested_text(value: Any, printed: Any) -> str:
-    """Text of a nested tuple; the texts of its expressions are taken in order from the iterator `printed`."""
     if not isinstance(value, tuple):
         return str(next(printed))
     return "(" + ", ".join(_nested_text(part, printed) for part in value) + ")"

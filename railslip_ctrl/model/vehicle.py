@@ -19,9 +19,6 @@ from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import one_line, unknown_key
 
-# --- the docstring of a record: its own text, then a list of its fields from their descriptions ----------------------
-
-
 _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
@@ -33,7 +30,6 @@ def documented(record: type[BaseModel]) -> str:
 
 
 def _sentence(info: FieldInfo) -> str:
-    """Description of a field: meaning, unit, range, default."""
     extra, parts = info.json_schema_extra, [info.description or ""]
     if isinstance(extra, dict) and "unit" in extra:
         bounds = ((sign, getattr(each, key, None)) for key, sign in _BOUNDS for each in info.metadata)
@@ -45,25 +41,19 @@ def _sentence(info: FieldInfo) -> str:
     return "; ".join(parts) + "."
 
 
-# --- records --------------------------------------------------------------------------------------------------------
-
 GRAVITY = 9.80665  #: standard acceleration of free fall, m/s^2 (exact, CGPM 1901)
 _MASS_ALONE = "M alone was changed: the wheel load is still"
 
 
 class Rail(StrEnum):
-    """Rail condition, given as a member or its name; `AdhesionLaw.wet` changes the parameters for wet rail.
-
-    - DRY: "dry": parameters as identified ([Park2008] Table 1, (30)-(32)).
-    - WET: "wet": dry parameters times the factors of the law, or a published set for wet rail.
-    """
+    """Rail condition, "dry" or "wet"."""
 
     DRY = "dry"
     WET = "wet"
 
     @classmethod
     def of(cls, value: str) -> Rail:
-        """Rail condition named `value`, "dry" or "wet", or `value` itself if it is a member; otherwise InputError."""
+        """Convert `value`, "dry" or "wet", to a rail condition; InputError for any other text."""
         try:
             return cls(value)
         except ValueError:
@@ -73,17 +63,14 @@ class Rail(StrEnum):
 class Record(BaseModel):
     """Base class of the parameter records: immutable, without unknown keys or non-finite numbers.
 
-    A number is given in SI, or as text with a unit ("3.5 t"). Text without a unit ("3500") and booleans are refused for
-    a number, and a number is refused for a boolean.
+    A number is given in SI, or as text with a unit ("3.5 t"). Text without a unit ("3500") is refused.
 
-    InputError: an unknown or missing key; a value of wrong type or dimension, or outside its range; an attempt to set a
-    field of an existing record.
+    InputError: an unknown or missing key; a value of wrong type or dimension, or outside its range; setting a field.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    text_needs_unit: ClassVar[bool] = True
-    """True if text without a unit is refused."""
+    text_needs_unit: ClassVar[bool] = True  #: refuse numbers given as text without a unit
 
     def __init__(self, /, **values: Any) -> None:
         try:
@@ -114,12 +101,9 @@ class Record(BaseModel):
             raise InputError(one_line(error, cls.__name__, model=cls)) from None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy the record with the fields in `update` changed; the new values are not checked.
+        """Copy the record with new values of the fields in `update`; the values are not checked.
 
-        - update: new values by field name.
-        - deep: true copies the field values too.
-
-        InputError: a name that is not a field.
+        `deep` copies nested records too. InputError: a name that is not a field.
         """
         unknown = (update or {}).keys() - type(self).model_fields.keys()
         if unknown:
@@ -131,20 +115,17 @@ class Record(BaseModel):
         return made
 
     def __iter__(self) -> Iterator[tuple[str, Any]]:  # type: ignore[override]
-        """Iterate over names and values of the fields; unlike in pydantic, without cached properties."""
+        # pydantic would iterate over cached properties too
         return ((name, getattr(self, name)) for name in type(self).model_fields)
 
     if not TYPE_CHECKING:  # type checkers know that the fields are frozen
 
         def __setattr__(self, name: str, value: object) -> None:
-            raise InputError(
-                f"{type(self).__name__}: {name} cannot be set; make a copy with model_copy(update={{{name!r}: ...}})"
-            )
+            raise InputError(f"{type(self).__name__}: {name} cannot be set; use model_copy(update={{{name!r}: ...}})")
 
     @field_validator("*", mode="before")
     @classmethod
     def _to_si(cls, value: object, info: ValidationInfo) -> object:
-        """Convert a value, or each number of a list, to the unit of its field if `units.quantity` made the field."""
         name = info.field_name or ""
         field, unit = cls.model_fields[name], cls.units().get(name)
         if value is None and NoneType in get_args(field.annotation):
@@ -158,7 +139,6 @@ class Record(BaseModel):
 
 
 def _each(convert: Callable[[Any], float], value: Any) -> Any:
-    """Convert a number, or each number of a list or of nested lists."""
     return tuple(_each(convert, one) for one in value) if isinstance(value, (list, tuple)) else convert(value)
 
 
@@ -167,16 +147,11 @@ class Wheel(Record):
 
     radius: float = quantity("m", "wheel radius r", gt=0)
     inertia: float = quantity("kg*m^2", "moment of inertia J", gt=0)
-    viscous_friction: float = quantity(
-        "N*m*s", "viscous torque coefficient B between brake pad and wheel", ge=0, default=0.0
-    )
+    viscous_friction: float = quantity("N*m*s", "viscous torque coefficient B at the brake pad", ge=0, default=0.0)
 
 
 class Resistance(Record):
-    """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s.
-
-    [Park2008] Table 1 has only the quadratic term.
-    """
+    """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s."""
 
     constant: float = quantity("N", "constant term", ge=0, default=0.0)
     linear: float = quantity("N/(m/s)", "coefficient of v", ge=0, default=0.0)
@@ -195,23 +170,18 @@ class Actuator(Record):
 
 
 class PIGains(Record):
-    """Gains of PI control Tb = kp e + ki integral(e), e = sigma_d - sigma in m/s, Tb in N*m; of either sign.
-
-    The published gains are in [Park2008] Table 4.
-    """
+    """Gains of PI control Tb = kp e + ki integral(e), e = sigma_d - sigma in m/s, Tb in N*m; of either sign."""
 
     kp: float = quantity("N*m/(m/s)", "proportional gain")
     ki: float = quantity("N*m/m", "integral gain")
 
 
 class Vehicle(Record):
-    """The quarter car: the part of the train that one wheelset carries and brakes ([Park2008] Fig. 2); see `PARK2008`.
+    """Quarter car: the part of the train that one wheelset carries and brakes ([Park2008] Fig. 2).
 
     `inertia_scale` multiplies mass, wheel inertia and viscous friction only: 1 is SI; 3.6 reproduces the published
-    results, for which speeds were in km/h and forces in N. The equations of motion use the `effective_` values. A
-    change of mass does not change `wheel_load`.
-
-    InputError: as for any `Record`, and a loaded mass below the empty mass.
+    results, for which speeds were in km/h and forces in N. The equations of motion use the `effective_` values.
+    `mass_loaded` is at least `mass`. A change of mass does not change `wheel_load`.
     """
 
     name: str = Field(description="name of the vehicle in reports")
@@ -254,23 +224,23 @@ class Vehicle(Record):
         return self.inertia_scale * self.wheel.viscous_friction
 
     def loaded(self) -> Vehicle:
-        """Vehicle whose mass and wheel load are those of the loaded vehicle."""
+        """Copy of the vehicle with the loaded mass and wheel load."""
         vehicle = self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
         if (vehicle.mass, vehicle.wheel_load) != (self.mass, self.wheel_load):
             BaseModel.__setattr__(vehicle, "_empty", (self.mass, self.wheel_load))
         return vehicle
 
     def empty(self) -> Vehicle:
-        """Vehicle with the empty mass and wheel load, those before `loaded` was called; unchanged if it was not."""
+        """Copy of the vehicle with the mass and wheel load that it had before `loaded` was called, if it was called."""
         mass, wheel_load = self._empty or (self.mass, self.wheel_load)
         vehicle = self.model_copy(update={"mass": mass, "wheel_load": wheel_load})
         BaseModel.__setattr__(vehicle, "_empty", None)
         return vehicle
 
     def with_mass(self, mass: float) -> Vehicle:
-        """Vehicle with another `mass`, kg, and unchanged wheel load.
+        """Copy of the vehicle with another `mass`, kg, and the same wheel load.
 
-        A note records the change, unless mass and wheel load are those of the empty or of the loaded vehicle.
+        A note records the change, unless the vehicle has a load case with this mass and wheel load.
         """
         changed = self.model_copy(update={"mass": mass, "mass_loaded": max(mass, self.mass_loaded)})
         if any((load.mass, load.wheel_load) == (mass, self.wheel_load) for load in self.loads()):
@@ -279,20 +249,16 @@ class Vehicle(Record):
 
     @property
     def mass_alone(self) -> str:
-        """The sentence that `with_mass` has added to `notes`; empty text if there is none."""
+        """The note that `with_mass` has added; empty if there is none."""
         return next((note for note in self.notes if note.startswith(_MASS_ALONE)), "")
 
     def loads(self) -> tuple[Vehicle, ...]:
-        """Load cases: the vehicle itself, and `loaded` if the loaded mass differs."""
+        """Load cases: the vehicle as it is, and loaded if the loaded mass differs."""
         return (self,) if self.mass == self.mass_loaded else (self, self.loaded())
 
 
-# --- the published vehicle and gains of [Park2008], in SI ------------------------------------------------------------
-
-
 INITIAL_SPEED_KMH = 100.0  #: initial speed v0 of the published run, at which braking starts, km/h ([Park2008] p. 55)
-AS_PUBLISHED_INERTIA_SCALE = 3.6
-"""Inertia scale that reproduces the published results: speeds in km/h and forces in N without a conversion factor."""
+AS_PUBLISHED_INERTIA_SCALE = 3.6  #: reproduces the published results, with speeds in km/h and forces in N
 
 PARK2008 = Vehicle(
     name="Park et al. 2008, quarter car",
@@ -315,11 +281,7 @@ class PrintedPI(NamedTuple):
 
 
 class PrintedSliding(NamedTuple):
-    """Sliding-mode gains as printed in [Park2008] Table 4: D and rho in "1/h", K in "km/h^2", k without a unit.
-
-    This package takes D in N*m per km/h, K in N*m and rho in 1/s, so that D s and K sgn s are torques. It applies k to
-    s in km/h, Ta in N*m and omega = v_kmh/r.
-    """
+    """Sliding-mode gains as printed in [Park2008] Table 4; `sliding.law` has their units."""
 
     D: float
     K: float
@@ -335,7 +297,6 @@ TABLE4_SLIDING_PRINTED = MappingProxyType(
 )
 """ASMC gains of [Park2008] Table 4 as printed; the keys are the adhesion laws in the heads of its columns."""
 
-# 1 km/h = 1/3.6 m/s
 TABLE4_PI = MappingProxyType(
     {name: PIGains(kp=3.6 * gains.Kp, ki=3.6 * gains.Ki) for name, gains in TABLE4_PI_PRINTED.items()}
 )
@@ -348,11 +309,7 @@ def table4_gains(adhesion: str) -> PIGains:
     return TABLE4_PI["beam" if adhesion == "beam" else "bristle"]
 
 
-# --- implausible values: allowed, but far from any real vehicle's; nearly always the unit is wrong --------------------
-
-
 _SPEED = 100.0 * KMH  # m/s, speed at which the travelling resistance is checked
-
 
 _VALUES: Mapping[str, Callable[[Vehicle], float]] = {
     **{name: attrgetter(name) for name in ("mass", "mass_loaded", "wheel_load", "wheel_load_loaded")},
@@ -374,10 +331,7 @@ USUAL_RANGES: Mapping[str, Any] = texts(__package__, "usual_ranges.toml")
 
 @checked
 def vehicle_warnings(vehicle: Vehicle) -> tuple[str, ...]:
-    """Warnings on implausible numbers of a `vehicle`: key, value, usual range and remedy, one sentence each.
-
-    M, J and B are checked without `inertia_scale`. InputError: the argument is not a vehicle.
-    """
+    """Warnings on implausible numbers of a `vehicle`; M, J and B are checked without the inertia scale."""
     found: dict[str, str] = {}
     for key, usual in USUAL_RANGES.items():
         value, unit = _VALUES[key](vehicle), usual["unit"]
@@ -393,15 +347,11 @@ def vehicle_warnings(vehicle: Vehicle) -> tuple[str, ...]:
 
 @checked
 def notes_and_warnings(vehicle: Vehicle) -> tuple[str, ...]:
-    """Assumptions on a `vehicle` (`Vehicle.notes`), then warnings on implausible numbers (`vehicle_warnings`).
-
-    InputError: the argument is not a vehicle.
-    """
+    """Notes of a `vehicle` on assumptions, then its `vehicle_warnings`."""
     return (*vehicle.notes, *vehicle_warnings(vehicle))
 
 
 def _remedy(usual: Mapping[str, Any], value: float, low: float, high: float) -> str:
-    """Remedy for an implausible value: to give another unit, if the number is usual in this unit."""
     for unit, size in usual.get("other_units", {}).items():
         if low <= value * size <= high:
             return f'if {_plain(value, 6)} {unit} is meant, give "{_plain(value, 6)} {unit}"'
@@ -409,5 +359,4 @@ def _remedy(usual: Mapping[str, Any], value: float, low: float, high: float) -> 
 
 
 def _plain(value: float, digits: int = 3) -> str:
-    """Text of a number with `digits` significant digits; from a million on with a power of ten."""
     return f"{float(f'{value:.{digits}g}'):g}"

@@ -1,8 +1,4 @@
-"""Read a vehicle from the user's file: TOML, TOML with a railtoolkit YAML, or a railtoolkit YAML alone.
-
-`VehicleKeys` has the keys of the TOML file: plain numbers in SI, or strings with a unit ("34.5 kN"). The TOML file has
-priority over the YAML file. The published wheel and brake replace missing values, and `Vehicle.notes` records this.
-"""
+"""Read a vehicle from a TOML file, from a railtoolkit YAML file, or from a TOML file that names a YAML file."""
 
 from __future__ import annotations
 
@@ -19,19 +15,17 @@ from railslip_ctrl.core.user_files import close_match, file_name, given_path, re
 
 from .vehicle import GRAVITY, PARK2008, Actuator, Record, Resistance, Vehicle, Wheel
 
-DEFAULT_AXLES = 4
-"""Axles of a railtoolkit vehicle if no number is given: two bogies with two axles each, as in [Park2008] Fig. 2."""
+DEFAULT_AXLES = 4  #: axles of a railtoolkit vehicle if none are given: two bogies, as in [Park2008] Fig. 2
 
 
 def _optional(record: type[BaseModel], name: str) -> Any:
-    """Copy of the field `name` of `record`, with its unit and bounds, made optional."""
     field = copy(record.model_fields[name])
     field.default = None
     return field
 
 
 def _table(record: type[Record]) -> type[Record]:
-    """Record of the optional keys of a table of the file, from the fields of `record`."""
+    """Make a record with the same fields as `record`, all optional."""
     keys: dict[str, Any] = {name: (float | None, _optional(record, name)) for name in record.model_fields}
     return create_model(f"{record.__name__}Keys", __base__=Record, **keys)
 
@@ -40,10 +34,10 @@ WheelKeys, ResistanceKeys, ActuatorKeys = _table(Wheel), _table(Resistance), _ta
 
 
 class VehicleKeys(Record):
-    """Keys of a vehicle's TOML file, all optional; `mass` or `rolling_stock` is required.
+    """Keys of a vehicle's TOML file; `mass` or `rolling_stock` is required, all others are optional.
 
-    `rolling_stock` names a YAML file, which has the mass of the whole vehicle; `axles` and `vehicle_id` are used only
-    with this file. `mass` and `wheel_load` are those of the quarter car, the part carried by one wheelset.
+    `mass` and `wheel_load` are those of the quarter car. `rolling_stock` names a YAML file with the mass of the whole
+    vehicle; `axles` and `vehicle_id` are used only with this file.
     """
 
     name: str | None = None
@@ -66,10 +60,10 @@ def load_vehicle(path: str | Path) -> Vehicle:
     """Load the quarter car described by a file.
 
     - path: `.toml` with the keys of `VehicleKeys`, or `.yaml`/`.yml` in the railtoolkit rolling-stock schema with one
-      vehicle. If `path` is a YAML file, the published wheel and brake and four axles are assumed.
+      vehicle. The TOML file has priority over a YAML file that it names.
 
-    Returns the vehicle in SI; its `notes` have one sentence for each assumption. The table [envelope] of the file is
-    the default of `design.envelope.Envelope`. InputError: one line with the file, the key, the value and the bound.
+    Returns the vehicle in SI. Wheel and brake of [Park2008] replace missing values, and `notes` has one sentence for
+    each assumption. InputError: the file cannot be read, or a key or value in it is not allowed.
     """
     path = given_path(path)
     suffix = path.suffix.lower()
@@ -82,7 +76,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
 
 
 def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Vehicle:
-    """Make a vehicle, as `load_vehicle`, from keys already read from `path`; errors begin with `where`."""
+    """Make a vehicle from the keys of the file `path`; error messages begin with `where`."""
     keys = validated(VehicleKeys, content, where)
     keys = keys.model_copy(update={"envelope": with_laws_beside(keys.envelope, path)})
     if keys.rolling_stock is None:
@@ -94,7 +88,7 @@ def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Veh
 
 
 def with_laws_beside(table: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Prefix the law files in a table [envelope] with the folder of `path`, the file that contains the table."""
+    """Prefix the names of law files in the table [envelope] of the file `path` with the folder of this file."""
     laws = table.get("laws")
     if not isinstance(laws, list):
         return table
@@ -103,18 +97,15 @@ def with_laws_beside(table: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
-    """Raise InputError if a file without rolling stock lacks `mass` or has keys that need rolling stock."""
     if keys.mass is None:
         raise InputError(f"{where}: mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)")
     for name in ("axles", "vehicle_id"):
         if getattr(keys, name) is not None:
-            raise InputError(
-                f"{where}: {name} is used only with rolling_stock; remove {name} (mass is that of the quarter car)"
-            )
+            raise InputError(f"{where}: {name} is used only with rolling_stock; remove {name}")
 
 
 def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, source: str) -> Vehicle:
-    """Combine values by priority: keys of the file, rolling stock, published values; `notes` record the assumptions."""
+    """Make the vehicle; a key of the TOML file has priority over rolling stock, and this over published values."""
     notes: list[str] = []
     mass, mass_loaded = _masses(keys, stock, notes)
     wheel_load = _first(keys.wheel_load, mass * GRAVITY)
@@ -133,7 +124,6 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
         "mass": mass,
         "mass_loaded": mass_loaded,
         "wheel_load": wheel_load,
-        # unless given, the wheel load grows in proportion to the mass
         "wheel_load_loaded": _first(keys.wheel_load_loaded, wheel_load * (mass_loaded / mass)),
         "wheel": wheel,
         "resistance": resistance,
@@ -148,7 +138,6 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
 
 
 def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> tuple[float, float]:
-    """The quarter car's mass, empty and loaded, kg."""
     if stock is None:
         assert keys.mass is not None  # _refuse_incomplete
         mass, load = keys.mass, None
@@ -168,7 +157,6 @@ def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> 
 
 
 def _resistance(keys: Record, stock: RollingStock | None, mass: float, notes: list[str]) -> dict[str, float]:
-    """Coefficients of the travelling resistance, from the keys of the file and the rolling stock."""
     given: dict[str, float] = keys.model_dump(exclude_none=True)
     if stock is None:
         if not given:
@@ -184,7 +172,6 @@ def _resistance(keys: Record, stock: RollingStock | None, mass: float, notes: li
 
 
 def _or_published(table: str, keys: Record, published: Record, notes: list[str]) -> dict[str, float]:
-    """Values of a table, completed by published values; a note lists the published values that are used."""
     given: dict[str, float] = keys.model_dump(exclude_none=True)
     values: dict[str, float] = published.model_dump()
     units = type(published).units()
@@ -198,30 +185,21 @@ def _first(given: float | None, otherwise: float) -> float:
     return otherwise if given is None else given
 
 
-# --- vehicles of the railtoolkit rolling-stock schema (YAML): mass, load limit and running resistance ----------------
-
-
-_DEEPEST = 20
-"""Largest depth of nesting; the schema has four levels, and thousands overflow the stack of libyaml."""
-
+_DEEPEST = 20  # largest depth of nesting; the schema has four levels, and thousands overflow the stack of libyaml
 _REFERENCE_SPEED = 100.0 * KMH  # m/s, speed unit of the schema's resistance coefficients
 _MOST_IDS_SHOWN = 10  # vehicle ids listed in an error message
 
-RESISTANCE_COEFFICIENTS = ("base_resistance", "rolling_resistance", "air_resistance")
-"""Names of the coefficients of v^0, v^1 and v^2 in the schema."""
+RESISTANCE_COEFFICIENTS = ("base_resistance", "rolling_resistance", "air_resistance")  #: of v^0, v^1 and v^2
 
 
 class RollingStock(Record):
-    """The keys of a vehicle in a railtoolkit file that this package uses, in the schema's units.
+    """Vehicle of a railtoolkit file, with the units of [railtoolkit] schema 2022.05; other keys are ignored.
 
-    Running resistance per weight: base + rolling (v/100 km/h) + air (v/100 km/h)^2, per mille of m g; a missing
-    coefficient is None ([railtoolkit] schema 2022.05).
+    Running resistance: base + rolling (v/100 km/h) + air (v/100 km/h)^2, per mille of the weight m g.
     """
 
-    # the schema has more keys than this package uses: they are ignored, not reported as errors
     model_config = ConfigDict(extra="ignore")
-    # PyYAML reads 4e1 as text, and the schema defines the unit of each number
-    text_needs_unit: ClassVar[bool] = False
+    text_needs_unit: ClassVar[bool] = False  # PyYAML reads 4e1 as text, and the schema defines the units
 
     name: str
     id: str
@@ -234,7 +212,7 @@ class RollingStock(Record):
     air_resistance: float | None = quantity("permille", "resistance quadratic in v, over m g", ge=0, default=None)
 
     def resistance(self, mass: float) -> Resistance:
-        """Running resistance, SI, of a part of the vehicle whose mass is `mass`, kg; a missing coefficient is 0."""
+        """Running resistance, SI, of a part of the vehicle with the mass `mass`, kg; a missing coefficient is 0."""
         per_mille = 1e-3 * mass * GRAVITY
         return Resistance(
             constant=per_mille * (self.base_resistance or 0.0),
@@ -244,23 +222,15 @@ class RollingStock(Record):
 
 
 def read_rolling_stock(path: Path, *, vehicle_id: str | None = None, where: str = "") -> RollingStock:
-    """Read one vehicle from a railtoolkit file (YAML, no aliases).
-
-    - vehicle_id: id of the vehicle; not needed if the file has only one.
-    - where: beginning of error messages; by default the path.
-
-    InputError: the file cannot be read or lacks the vehicle, or a key or value of the vehicle is not allowed.
-    """
+    """Read the vehicle `vehicle_id`, or the only one, from a railtoolkit file; error messages begin with `where`."""
     where = where or file_name(path)
     vehicles = _vehicles(_parse(read_text(path, where=where), where), where)
     chosen = _choose(vehicles, vehicle_id, where)
-    # an empty value in YAML is null and counts as a missing key
     given = {key: value for key, value in chosen.items() if isinstance(key, str) and value is not None}
     return validated(RollingStock, given, f"{where}: vehicle {shown(given.get('id'))}")
 
 
 def _parse(text: str, where: str) -> Any:
-    """Parse YAML text; InputError if it is not valid or not safe."""
     import yaml
 
     # libyaml's loader is about ten times faster; some builds of PyYAML lack it
@@ -280,7 +250,7 @@ def _parse(text: str, where: str) -> Any:
 
 
 def _refuse_bombs(text: str, where: str, loader: Any) -> None:
-    """Refuse aliases, which can multiply the content, and deep nesting, which overflows the stack, before loading."""
+    """Refuse aliases, which can multiply the content, and deep nesting, which overflows the stack."""
     import yaml
 
     depth = 0
@@ -294,7 +264,6 @@ def _refuse_bombs(text: str, where: str, loader: Any) -> None:
 
 
 def _vehicles(content: Any, where: str) -> list[dict[Any, Any]]:
-    """The list of vehicles of a railtoolkit file; InputError if it has none."""
     vehicles = content.get("vehicles") if isinstance(content, dict) else None
     if not isinstance(vehicles, list) or not vehicles or not all(isinstance(one, dict) for one in vehicles):
         raise InputError(f"{where}: vehicles: missing or not a list of vehicles; give a railtoolkit rolling-stock file")
@@ -302,7 +271,6 @@ def _vehicles(content: Any, where: str) -> list[dict[Any, Any]]:
 
 
 def _choose(vehicles: list[dict[Any, Any]], vehicle_id: str | None, where: str) -> dict[Any, Any]:
-    """The vehicle with `vehicle_id`, or the only one; InputError if it does not exist or is not unique."""
     ids = [one.get("id") for one in vehicles]
     listed = ", ".join(shown(one) for one in ids[:_MOST_IDS_SHOWN])
     if len(ids) > _MOST_IDS_SHOWN:

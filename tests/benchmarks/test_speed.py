@@ -64,7 +64,6 @@ def published_pi() -> GivenPI:
 
 
 def shortest(call: Callable[[], Any], rounds: int) -> float:
-    """Least wall time of some calls, s: the code's, not its neighbours'."""
     times = []
     for _ in range(rounds):
         begin = time.perf_counter()
@@ -74,10 +73,6 @@ def shortest(call: Callable[[], Any], rounds: int) -> float:
 
 
 def python_control_loop(p: tuple[float, ...], table: np.ndarray) -> tuple[Any, int]:
-    """The closed loop as one `nlsys`, dead time by a fifth-order Pade; states (v, sigma, Tb, integral, Pade).
-
-    Its right-hand side is the kernel's, in plain Python: the interconnection of separate systems would be slower.
-    """
     vehicle, law = published_scenario().vehicle, type(published_scenario().adhesion)
     plant = kernel(law, TorqueProfile(times=(0.0,), torques=(0.0,)).source_text(), compiled=False)
     delay = ct.tf2ss(*ct.pade(vehicle.actuator.dead_time, 5))
@@ -188,7 +183,6 @@ def test_a_run_against_the_same_loop_in_c(benchmark, tmp_path):
 
 
 def seconds(command: list[str]) -> float:
-    """Wall time of a process, which may say that a loop is unstable."""
     begin = time.perf_counter()
     done = subprocess.run([sys.executable, *command], capture_output=True, check=False)
     assert b"Traceback" not in done.stderr
@@ -236,7 +230,6 @@ def test_two_cores_are_worth_1_8_of_one(tmp_path):
 
 
 def interleaved(calls: dict[Any, Callable[[], Any]], rounds: int, before: Callable[[], Any] = gc.collect) -> Any:
-    """Least processor time of each call, s, made in turn, each after `before`: a busy neighbour takes none of it."""
     best = dict.fromkeys(calls, math.inf)
     for _ in range(rounds):
         for name, call in calls.items():
@@ -282,7 +275,6 @@ def test_a_pi_of_a_plant_without_dead_time_is_tuned_as_soon_as_with_1_ms(asked):
 
 @pytest.mark.parametrize("names", [3, 1], ids=["three quantities", "adhesion alone"])
 def test_a_run_of_a_campaign_costs_little_more_than_the_run(names):
-    """The published run with another dry and wet adhesion table each; they are two thirds of what is left over."""
     scenario, calls = built_in_scenario("park2008"), dict[Any, Callable[[], Any]]()
     campaign = Campaign(scenario, (published_controller("pi"),), 20, QUANTITIES[:names])
     for i in range(4):
@@ -317,7 +309,6 @@ def test_5000_points_are_judged_in_two_seconds():
 
 
 def peer_margins(zeros, poles, gain, dead_time):
-    """Gain factor that destabilises upward and smallest phase margin, the way a python-control user gets them."""
     num, den = ct.pade(dead_time, 5)
     loop = ct.tf(gain * np.poly(zeros).real, np.poly(poles).real) * ct.tf(num, den)
     factors, phases, *_ = ct.stability_margins(loop, returnall=True)

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b8fcfc90bce56bf95405fe7d768f9a9e75a9b7e33bd70156de9426389aae4141"
+SOURCES_SHA256 = "cc985e044807637733630d4951b6b592ce7dc77e7bb104f85b474d806064fcd9"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

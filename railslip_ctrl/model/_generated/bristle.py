@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "884d5b6304448bc9a3d477221f00189fd28a9bc8048fea111fdc55545f05c9aa"
+SOURCES_SHA256 = "8d450180c91174691fb6ce52c9f6950bff8b198c60da28845f6e87da29cb375b"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

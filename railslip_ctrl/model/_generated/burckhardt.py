@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "6896bcda4cc73f70cb26899564d27286c743d9f98fe9aa345060f4dded9a1228"
+SOURCES_SHA256 = "471754c1f68465b55b1218996d4d46d63ebbbe047bfa584bf0a51f0574d9bba8"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "0d336996a1d851d9bdce1c17d8eb4a510fdc43db83a441f4a3a2e74bab3a07a2"
+SOURCES_SHA256 = "0fd0e440f5743ca3b7655d4117868ebdc645941dac3072b184a37bb3e1accc89"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

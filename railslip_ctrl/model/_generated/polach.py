@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "94e7172e9ee494676389ffa87cb4916b5e67719f93ced422d5d7135f850a13ce"
+SOURCES_SHA256 = "64d2710608e7644e516a6cac45049d957ea42765b93d8be906fe1a1c6ea789fd"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "f2f187469a449f13e40dcce90265eaaf29091007cd8583c39bbc735f634a36f1"
+SOURCES_SHA256 = "8cedca029b86d5638a59e88c2973eb15f8d02fb1d0f91342a525b86d51bdf002"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

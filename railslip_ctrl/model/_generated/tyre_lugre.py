@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "eae330ec3078172cbaf765e15be37cfdafa68e33b9f0d87309e6f0c91f57abe6"
+SOURCES_SHA256 = "456c934d9ddac222c775177416be3efa359e8be11f63142a4f7d53f92190aac6"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -1,7 +1,4 @@
-"""Adhesion laws, published or from a file: records of parameters with equations in SymPy, for dry and wet rail.
-
-A law is a subclass of `AdhesionLaw` in a module of this package; the package finds it automatically.
-"""
+"""Adhesion laws; to add a law, add a module with a subclass of `AdhesionLaw` to this package."""
 
 from __future__ import annotations
 
@@ -32,7 +29,6 @@ __all__ = [
 
 
 def _laws() -> Iterator[type[AdhesionLaw]]:
-    """All subclasses of `AdhesionLaw` defined in the modules of this package."""
     for info in pkgutil.iter_modules(__path__):
         if info.name == "base":
             continue
@@ -54,7 +50,7 @@ def law_names() -> tuple[str, ...]:
 
 @checked
 def law_class(name: str) -> type[AdhesionLaw]:
-    """Class of the law `name`; hyphens count as underscores ("tyre-lugre" is "tyre_lugre"); InputError if unknown."""
+    """Class of the law `name`, which may have hyphens instead of underscores; InputError if there is no such law."""
     laws = law_classes()
     key = name.strip().lower().replace("-", "_")
     if key not in laws:
@@ -68,18 +64,13 @@ def published_law(
 ) -> AdhesionLaw:
     """Adhesion law with its published parameters, by name.
 
-    Slip velocity sigma = v - r omega and adhesion force Fa are positive in braking ([Park2008] (1), (2)). Parameters
-    identified at the rig's wheel load of 34 500 N are converted to another load so that mu(slip) does not change. This
-    is the project's assumption; [Park2008] has results for 34 500 N only.
+    - name: one of `law_names`. [Park2008] gives parameters for "beam" ((5)-(10), Table 1), "bristle" ((19)-(24),
+      (30)-(32)) and "curve" (Fig. 17). The attribute `source` of a law names its publication.
+    - rail: rail condition, "dry" or "wet".
+    - initial_speed_kmh: speed v0 at which braking starts, km/h, 30 to 140; the parameters of some laws depend on it.
+    - wheel_load: wheel load N, newtons, > 0. [Park2008] has parameters for 34 500 N; for another load they are
+      converted on the assumption that mu does not change.
 
-    - name: one of `law_names`, with hyphens or underscores. [Park2008] gives parameters for "beam" ((5)-(10), Table 1),
-      "bristle" ((19)-(24), (30)-(32)) and its "curve" (Fig. 17). The attribute `source` of a law names its publication.
-    - rail: rail condition of the parameters: "dry" or "wet".
-    - initial_speed_kmh: speed v0 at which braking starts, km/h, 30 to 140; not the present speed. A law whose published
-      parameters do not depend on v0 ignores it.
-    - wheel_load: wheel load N, newtons, > 0. `operating_point` refuses the law for a vehicle with another wheel load.
-
-    Returns a frozen record of the law, its fields in SI, with the reference slips if the source has them.
     InputError: an unknown name or rail condition, or a number outside its range. MissingParametersError: the source
     gives no parameters for this law.
     """
@@ -89,13 +80,12 @@ def published_law(
 
 @checked
 def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_KMH * KMH) -> AdhesionLaw:
-    """The published adhesion law `name` on dry rail for the wheel load of a vehicle.
+    """Published adhesion law `name` for dry rail, scaled by `in_reading`.
 
-    - vehicle: quarter car, whose wheel load and inertia scale are used.
+    - vehicle: quarter car; its wheel load and inertia scale are used.
     - initial_speed: v0, m/s, within 30 to 140 km/h.
 
-    The stiffness of a dynamic law, N/m, is multiplied by the inertia scale (3.6 for the as-published reading) like M, J
-    and B, as the change of units requires. Errors as in `adhesion.published_law`.
+    Errors as in `published_law`.
     """
     v0 = round(initial_speed / KMH, 9)  # 100 km/h, not 100.00000000000001
     return in_reading(published_law(name, Rail.DRY, v0, vehicle.wheel_load), vehicle)
@@ -103,27 +93,22 @@ def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_
 
 @checked
 def in_reading(law: AdhesionLaw, vehicle: Vehicle) -> AdhesionLaw:
-    """Scale the stiffness of a published dynamic law by the vehicle's inertia scale; other laws are unchanged."""
+    """Multiply the stiffness alpha of a published dynamic `law` by the inertia scale of the `vehicle`, like M, J, B."""
     if law.has_state and vehicle.inertia_scale != 1.0:
         law = law.model_copy(update={"alpha": vehicle.inertia_scale * law.alpha})  # type: ignore[attr-defined]
     return law
-
-
-# --- adhesion laws with the user's parameters, from a TOML file ------------------------------------------------------
 
 
 _ROUNDING = 1e-6  # relative tolerance of the range of v0, for a speed converted from km/h to m/s and back
 
 
 class LawFile(Record):
-    """Keys of an adhesion law's TOML file."""
+    """Keys of the TOML file of an adhesion law."""
 
     law: str = Field(description="name of the law")
     condition: Rail = Field(Rail.DRY, description="rail condition of the parameters")
     parameters: dict[str, Any] = Field({}, description="parameters of the law")
-    polynomials: dict[str, Any] = Field(
-        {}, description="parameters as polynomials of v0 in km/h: constant, coefficient of v0, of v0^2 ..."
-    )
+    polynomials: dict[str, Any] = Field({}, description="parameters as polynomials of v0, km/h, constant first")
     initial_speed_range: tuple[float, ...] = quantity("km/h", "lowest and highest v0 of the log", default=())
     reference_slip: dict[str, Any] = Field({}, description="reference slip ratios, or lists of them over v0")
     wheel_load: float | None = quantity("N", "wheel load of the log", gt=0, default=None)
@@ -149,7 +134,7 @@ class LawFile(Record):
 
 
 class SlipsOverSpeed(Record):
-    """Table `[reference_slip]` of a law's file if the reference slips depend on v0; interpolation in v0 is linear."""
+    """Table `[reference_slip]` with slips that depend on v0; between the speeds they are interpolated linearly."""
 
     initial_speed: tuple[float, ...] = quantity("km/h", "initial speeds v0, ascending")
     dry: tuple[float, ...] = quantity("1", "slip ratios at these speeds, dry rail")
@@ -169,15 +154,13 @@ class SlipsOverSpeed(Record):
 
 @checked
 def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> AdhesionLaw:
-    """Load an adhesion law from its file or by its name, as the option `--adhesion` does.
+    """Load an adhesion law from its file or by its name.
 
-    - path: a TOML file with the keys of `LawFile`, numbers in SI or text with a unit; a Python file, which is run and
-      whose `LAW` is the law with its parameters; or one of `law_names`, for the published law on dry rail.
-    - initial_speed_kmh: v0, km/h. It is required if the file has polynomials, or reference slips that depend on v0. By
-      default a published law is that for 100 km/h.
+    - path: a TOML file with the keys of `LawFile`; a Python file, which is run and must define `LAW`; or one of
+      `law_names`, for the published law for dry rail.
+    - initial_speed_kmh: v0, km/h; required if values in the file depend on v0; by default 100 for a published law.
 
-    Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) if the file has them.
-    InputError, in one line: the file cannot be read, or a key or value in it is not allowed.
+    InputError: the file cannot be read, or a key or value in it is not allowed.
     """
     path = given_path(path)
     if initial_speed_kmh is not None:
@@ -190,7 +173,7 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
 
 
 def law_of(keys: Any, where: str, initial_speed_kmh: float | None = None) -> AdhesionLaw:
-    """Make a law from the keys of its file, a mapping; errors begin with `where`. See `load_law`."""
+    """Make a law from a mapping with the keys of `LawFile`; error messages begin with `where`."""
     keys = validated(LawFile, keys, where)
     try:
         cls = law_class(keys.law)
@@ -214,10 +197,7 @@ def law_of(keys: Any, where: str, initial_speed_kmh: float | None = None) -> Adh
 def keys_of(law: AdhesionLaw) -> dict[str, Any]:
     """Keys from which `law_of` makes the law again; InputError for a law that a user's file defines."""
     if law_classes().get(law.name) is not type(law):
-        raise InputError(
-            f"adhesion: law {law.name!r} is defined in a user's Python file and cannot be saved with a controller; "
-            "use a law of this package"
-        )
+        raise InputError(f"adhesion: law {law.name!r} of a Python file cannot be saved; use a law of this package")
     slips = {} if law.reference is None else {"reference_slip": {"dry": law.reference.dry, "wet": law.reference.wet}}
     return {
         "law": law.name,
@@ -229,32 +209,30 @@ def keys_of(law: AdhesionLaw) -> dict[str, Any]:
 
 @checked
 def wheel_load_in(path: str | Path) -> float | None:
-    """Wheel load, N, at which the law in the file `path` was identified; None if the file has none. See `load_law`."""
+    """Wheel load, N, at which the law in the file `path` was identified; None if the file does not give it."""
     path = given_path(path)
     return None if _is_python(path) else _keys(path).wheel_load
 
 
 @checked
 def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
-    """Lowest and highest v0, km/h, for which the law in the file `path` was identified; None if it gives no range."""
+    """Lowest and highest v0, km/h, of the log for the law in the file `path`; None if the file gives no range."""
     limits = _keys(given_path(path)).initial_speed_range
     return (limits[0], limits[1]) if limits else None
 
 
 @checked
 def is_over_initial_speed(path: str | Path) -> bool:
-    """True if parameters (polynomials) or reference slips of the law in the file `path` depend on v0."""
+    """True if parameters or reference slips of the law in the file `path` depend on v0."""
     keys = _keys(given_path(path))
     return bool(keys.polynomials) or "initial_speed" in keys.reference_slip
 
 
 def _keys(path: Path) -> LawFile:
-    """Read and check the keys of a law's file."""
     return validated(LawFile, read_toml(path), file_name(path))
 
 
 def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
-    """Reference slips of a law; slips given as a function of v0 are interpolated at `speed`, km/h."""
     slips = keys.reference_slip
     if keys.condition is Rail.WET and "wet" in slips:  # a law for wet rail needs no slip for dry rail
         slips = {"dry": slips["wet"], **slips}
@@ -267,7 +245,6 @@ def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
 
 
 def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
-    """Initial speed v0, km/h; InputError if it is missing or outside the range of the polynomials."""
     if speed is None:
         raise InputError(f"{where}: polynomials depend on the initial speed; give initial_speed_kmh (km/h)")
     low, high = keys.initial_speed_range or (0.0, math.inf)
@@ -284,11 +261,9 @@ def _is_python(path: Path) -> bool:
 
 
 def _python_law(path: Path) -> AdhesionLaw:
-    """Run a Python file and return its `LAW`; InputError if the file fails or `LAW` is not a law."""
     law = record_in(path, "LAW", ("statement", "parameters"))
     if not isinstance(law, AdhesionLaw):
         raise InputError(
-            f"{file_name(path)}: LAW is a {type(law).__name__}, not an adhesion law with parameters; assign an "
-            "instance of a subclass of AdhesionLaw, for example LAW = MyLaw(...)"
+            f"{file_name(path)}: LAW is a {type(law).__name__}; assign an instance of a subclass of AdhesionLaw"
         )
     return law.model_copy(update={"file": file_name(path)})

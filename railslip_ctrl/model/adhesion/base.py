@@ -20,9 +20,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, quantity, to_unit
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Record
 
-INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
-"""Range of initial speeds v0, km/h, of the tests for the published parameters ([Park2008] Table 1, (30)-(32))."""
-
+INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)  #: v0, km/h, of the tests for the published parameters ([Park2008] Table 1)
 RIG_WHEEL_LOAD = 34_500.0  #: wheel load, N, at which the published parameters were identified ([Park2008] Table 1)
 RANDOM_FORCE = 431.0  #: standard deviation of the random adhesion force at `RIG_WHEEL_LOAD`, N ([Park2008] p. 55)
 RANDOM_SHARE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: standard deviation of the random force divided by the wheel load
@@ -35,7 +33,7 @@ class ReferenceSlip(Record):
     wet: float = quantity("1", "reference slip ratio, wet rail", gt=0, lt=1)
 
     def on(self, rail: Rail) -> float:
-        """Reference slip ratio on a rail condition."""
+        """Reference slip ratio for a rail condition."""
         return self.wet if rail is Rail.WET else self.dry
 
 
@@ -51,14 +49,14 @@ class Kink:
 class Statement:
     """Equations of a law in SymPy, in the symbols of `notation` (v, sigma, z, N) and of `AdhesionLaw.symbols`.
 
-    - force: Fa, N; in steady state (z' = 0) Fa has the sign of sigma.
-    - state_rate, steady_state: z', m/s, and z with z' = 0 as a function of sigma in closed form; None for a static law.
-    - functions: the numeric function, as "module:function", for each SymPy function class that the law defines; the
-      key is the name of the class.
-    - sigma_limit: slip velocity, m/s, that |sigma| must stay below; None if the equations hold for every sigma.
-    - state_limit: largest |z|, m, that slip can build up from z = 0: the supremum of |steady_state|. A state with
-      z' = sigma - |sigma| z/|steady_state| never exceeds it ([CanudasDeWit1995]). None for a static law.
-    - parts: sub-expressions by name, in order; generated code computes them first, for readability.
+    - force: Fa, N; with the sign of sigma in steady state.
+    - state_rate: z', m/s; None for a static law.
+    - steady_state: z with z' = 0, m, as a function of sigma; None for a static law.
+    - functions: for each class of SymPy functions that the law defines, by name, the numeric function as
+      "module:function".
+    - sigma_limit: upper limit of |sigma|, m/s; None if the equations are valid for every sigma.
+    - state_limit: upper limit of |z|, m, the supremum of |steady_state| ([CanudasDeWit1995]); None for a static law.
+    - parts: sub-expressions by name; generated code computes them first, for readability.
     """
 
     force: Any
@@ -71,11 +69,9 @@ class Statement:
 
 
 class AdhesionLaw(Record):
-    """Base class of the adhesion laws; subclasses in the modules of this package are found automatically.
+    """Base class of the adhesion laws; sigma and Fa are positive in braking.
 
-    The fields made by `units.quantity` are the parameters of the law in SI. Numeric functions take them in this order.
-    sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma. Dynamic laws use |sigma| if the form in the source
-    diverges for sigma < 0.
+    The fields made by `units.quantity` are the parameters of the law, in SI.
     """
 
     name: ClassVar[str]
@@ -83,28 +79,22 @@ class AdhesionLaw(Record):
     source: ClassVar[str]
     has_state: ClassVar[bool]
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    """Factors, by parameter, that convert dry to wet parameters."""
+    """Factors, by parameter, that convert dry to wet parameters; they halve the adhesion."""
     published_sets: ClassVar[Mapping[Rail, Mapping[str, float]]] = MappingProxyType({})
-    """Published parameters for any v0 on dry and on wet rail, if the source has a separate set for each."""
+    """Published parameters for dry and for wet rail, if they do not depend on v0."""
 
     rail: Rail = Field(Rail.DRY, description="rail condition of the parameters")
     reference: ReferenceSlip | None = Field(None, description="reference slip ratios, if given")
     file: str | None = Field(None, exclude=True, repr=False, description="name of the law's file, if any")
-    of_wheel_load: float | None = Field(
-        None, exclude=True, repr=False, description="wheel load, N, for which the law's forces hold, if known"
-    )
+    of_wheel_load: float | None = Field(None, exclude=True, repr=False, description="wheel load of the law, N")
 
     @field_validator("of_wheel_load", mode="before")
     @classmethod
     def _in_newtons(cls, value: object) -> object:
-        """Convert `of_wheel_load` to N.
-
-        The field is not made by `units.quantity`, because it would then count as a parameter of the law.
-        """
+        # the field is not made by `units.quantity`, because it would then be a parameter of the law
         return None if value is None else to_unit(value, "N", text_needs_unit=True)
 
     def __eq__(self, other: object) -> bool:
-        """True if `other` is the same law with the same parameters; `file` and `of_wheel_load` may differ."""
         if not isinstance(other, AdhesionLaw) or type(self) is not type(other):
             return NotImplemented
         ignored = {"file": None, "of_wheel_load": None}
@@ -116,24 +106,18 @@ class AdhesionLaw(Record):
     @classmethod
     @abstractmethod
     def statement(cls) -> Statement:
-        """Equations of the law; SymPy is imported inside, so that numeric evaluation does not load it."""
+        """Equations of the law; import SymPy in this method, so that numeric evaluation does not load SymPy."""
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with published parameters for a rail condition, initial speed and wheel load.
-
-        - initial_speed_kmh: v0, 30 to 140 km/h.
-        - wheel_load: N, > 0.
+        """Law with its published parameters for `rail`, `initial_speed_kmh` (30 to 140 km/h) and `wheel_load` (N).
 
         MissingParametersError: the source gives no parameters. InputError: a number outside its range.
         """
         if cls.published_sets:
             check_published_range(INITIAL_SPEED_KMH, wheel_load)  # only the load: these sets do not depend on v0
             return cls.model_validate({**cls.published_sets[Rail.of(rail)], "rail": rail})
-        raise MissingParametersError(
-            f"adhesion {cls.name!r}: {cls.source} gives no parameters for it; "
-            "give a TOML file with the law and its parameters"
-        )
+        raise MissingParametersError(f"adhesion {cls.name!r}: {cls.source} gives no parameters; give a TOML file")
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
@@ -147,7 +131,7 @@ class AdhesionLaw(Record):
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
-        """Names of the parameters in generated functions; a starred last name stands for all remaining values."""
+        """Names of the parameters in generated functions; the last one may be starred, for the remaining values."""
         return cls.parameter_names()
 
     @classmethod
@@ -159,7 +143,7 @@ class AdhesionLaw(Record):
         return tuple(sp.Symbol(name, **{"positive" if _is_positive(one) else "real": True}) for name, one in bounds)
 
     def numbers(self) -> dict[str, tuple[Any, str]]:
-        """Value (SI) and unit of each parameter by name, in order; a lookup table has tuples of ratios as values."""
+        """Value (SI) and unit of each parameter by name, in order; the values of a lookup table are tuples."""
         return {name: (getattr(self, name), self.units().get(name, "1")) for name in self.parameter_names()}
 
     def parameters(self) -> tuple[float, ...]:
@@ -167,7 +151,7 @@ class AdhesionLaw(Record):
         return tuple(float(getattr(self, name)) for name in self.parameter_names())
 
     def wet(self) -> Self:
-        """Law on wet rail: the published dry set becomes the published wet set; `wet_factors` scale other dry sets."""
+        """Law for wet rail: with the published wet set if this law has the published dry set, else by `wet_factors`."""
         if self.rail is Rail.WET:
             return self
         dry = self.published_sets.get(Rail.DRY, {})
@@ -177,17 +161,10 @@ class AdhesionLaw(Record):
         return self.model_copy(update={**update, "rail": Rail.WET})
 
     def weakened(self, factor: float) -> Self:
-        """Law with its adhesion multiplied by `factor`, > 0.
-
-        Each parameter in `wet_factors` is multiplied by its factor to the power log2(1/factor), because `wet_factors`
-        halve the adhesion.
-        """
+        """Law with its adhesion multiplied by `factor`, > 0, by powers of the `wet_factors`."""
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
-            raise InputError(
-                f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors, and the law has none; "
-                "define wet_factors in the class of the law"
-            )
+            raise InputError(f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors; define them")
         halvings = math.log(factor) / math.log(0.5)
         update = {name: getattr(self, name) * half**halvings for name, half in self.wet_factors.items()}
         return self.model_copy(update=update)
@@ -204,12 +181,7 @@ class AdhesionLaw(Record):
         return self.wet() if rail is Rail.WET else self
 
     def at_wheel_load(self, factor: float) -> Self:
-        """Law at `factor` times the wheel load, with unchanged mu: forces are scaled, stresses and lengths are not.
-
-        This is the project's assumption for a law that was identified at one wheel load.
-
-        - factor: > 0, finite; InputError otherwise.
-        """
+        """Law for `factor` (> 0) times the wheel load, on the assumption that mu does not change with the load."""
         number("factor of the wheel load", factor, gt=0)
         forces = {name: -1 if "/N" in unit else 1 for name, unit in self.units().items() if re.search(r"\bN\b", unit)}
         update: dict[str, Any] = {name: getattr(self, name) * factor**power for name, power in forces.items()}
@@ -218,25 +190,21 @@ class AdhesionLaw(Record):
         return self.model_copy(update=update)
 
     def reference_slip(self, rail: Rail) -> float | None:
-        """Reference slip ratio on a rail condition; None if neither source nor user gives one."""
+        """Reference slip ratio for a rail condition; None if it is not given."""
         if self.reference is None:
             return None
         return self.reference.wet if Rail.of(rail) is Rail.WET else self.reference.dry
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Upper limit of the slip ratio at speed `v`, m/s, and its reason as text; infinite if there is no limit."""
+        """Upper limit of the slip ratio at speed `v`, m/s, or infinity, and the reason of the limit as text."""
         return math.inf, ""
 
     def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:
-        """Slip ratios at which the law is not differentiable, at a speed `v` (m/s) and a `wheel_load` (N)."""
+        """Slip ratios at which the law is not differentiable, for a speed `v` (m/s) and a `wheel_load` (N)."""
         return (REST_STATE_UNDEFINED,) if self.has_state else ()
 
     def check_domain(self, v: float, sigma: ArrayLike) -> None:
-        """Raise DomainError unless v > 0 is finite, 0 <= sigma/v <= 1, and sigma is within the domain of the law.
-
-        - v: train speed, m/s.
-        - sigma: slip velocity, m/s, any shape; the error names the first value outside.
-        """
+        """Raise DomainError for a speed v, m/s, or a slip velocity sigma, m/s, any shape, outside the law's domain."""
         if not (math.isfinite(real("speed", v)) and v > 0.0):
             raise DomainError(f"speed: {v:g} m/s is not allowed, slip is defined for v > 0; give a finite speed > 0")
         slip = np.atleast_1d(reals("slip velocity", sigma)) / v
@@ -253,7 +221,6 @@ class AdhesionLaw(Record):
 
 
 REST_STATE_UNDEFINED = Kink(0.0, "without slip every deflection is steady, so the adhesion state is undefined")
-"""Kink of every dynamic law at slip 0: z' is 0 for every z, so that the law cannot be linearised."""
 
 
 def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:
@@ -271,11 +238,8 @@ def _is_positive(metadata: list[Any]) -> bool:
     return any(getattr(constraint, "gt", None) is not None and constraint.gt >= 0 for constraint in metadata)
 
 
-# --- available adhesion as a function of speed: an envelope of measurements, not an adhesion law ---------------------
-
-
 def curtius_kniffler(speed: ArrayLike) -> Floats | np.float64:
-    """Available adhesion coefficient 7.5/(v + 44) + 0.161, v in km/h, by Curtius and Kniffler.
+    """Adhesion coefficient 7.5/(v + 44) + 0.161, v in km/h, an envelope of measurements by Curtius and Kniffler.
 
     - speed: m/s, >= 0, any shape; DomainError otherwise.
 

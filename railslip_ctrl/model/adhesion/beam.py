@@ -17,8 +17,7 @@ from .base import RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement, c
 _INITIAL_SPEED_KMH = (30.0, 60.0, 100.0, 140.0)
 _MU_MAX = (0.360, 0.310, 0.261, 0.226)
 
-# [Park2008] Table 1. Cx includes the contact width (N/m^2 per unit slip): 8.0e10 Pa * 0.019 m = 1.52e9. Only with this
-# reading does (9) give the tabulated Kx = 274 360 N.
+# [Park2008] Table 1. Only if Cx includes the contact width, 8.0e10 Pa * 0.019 m, does (9) give the tabulated Kx.
 CONTACT_STIFFNESS = 1.52e9  # Cx, N/m^2
 CONTACT_LENGTH = 0.019  # l, m
 CONTACT_WIDTH = 0.019  # w, m
@@ -29,7 +28,7 @@ class Beam(AdhesionLaw):
     """Closed form of the brush model; u = Kx |lambda|/(3 mu_max N) is the share of the footprint that slides.
 
     For u <= 1, Fa = N mu_max [1 - (1 - u)^3] - N a sigma (3 u - 2 u^2). For u > 1 the whole footprint slides, and
-    Fa = N (mu_max - a sigma); the source does not give this case. Fa is odd in sigma. Its slope jumps at u = 1.
+    Fa = N (mu_max - a sigma); the source does not give this case. Fa is odd in sigma.
     """
 
     name: ClassVar[str] = "beam"
@@ -44,11 +43,6 @@ class Beam(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with the parameters of [Park2008] Table 1, and mu_max interpolated in v0.
-
-        The arguments are those of `AdhesionLaw.published`. For a wheel load other than the rig's 34 500 N the project
-        assumes that Kx grows with the load, so that mu(lambda) does not change.
-        """
         check_published_range(initial_speed_kmh, wheel_load)
         dry = cls(
             mu_max=float(np.interp(initial_speed_kmh, _INITIAL_SPEED_KMH, _MU_MAX)),
@@ -59,17 +53,15 @@ class Beam(AdhesionLaw):
         return dry.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at speed `v`, m/s, at which the friction coefficient is 0, with the reason as text."""
         limit = self.mu_max / (self.a * v) if self.a > 0.0 else np.inf
         return float(limit), "the friction coefficient mu_max - a sigma is no longer positive"
 
     def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:
-        """Kink at full sliding, u = 1; at slip 0 the law is continuously differentiable."""
         return (Kink(3.0 * self.mu_max * wheel_load / self.Kx, "above it the whole footprint slides"),)
 
     @classmethod
     def statement(cls) -> Statement:
-        """The closed form, odd in sigma without `sign`, so that SymPy's derivative has no Dirac terms."""
+        """Equations without `sign`, so that SymPy's derivative has no Dirac terms."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -89,18 +81,16 @@ class Beam(AdhesionLaw):
 
 
 def _contact_symbols() -> tuple[Any, ...]:
-    """SymPy symbols l, w, Cx, x and u of the footprint."""
     import sympy as sp
 
     return tuple(sp.symbols("l w Cx x u", positive=True))
 
 
 def integrated_force() -> Any:
-    """Derive Fa for u <= 1 and sigma > 0 by integrating the force per length over the footprint ([Park2008] (5)-(9)).
+    """Integrate the force per length over the footprint, for u <= 1 and sigma > 0 ([Park2008] (5)-(9)).
 
-    The force per length, (6), is taken as Cx lambda x in the sticking part and mu_d w p in the sliding part, because
-    the printed Cx lambda w x and mu_d p have different dimensions. Returns a SymPy expression in v, sigma, N and the
-    parameters.
+    The force per length is Cx lambda x where the footprint sticks and mu_d w p where it slides. The dimensions of the
+    printed terms Cx lambda w x and mu_d p in (6) differ.
     """
     import sympy as sp
 
@@ -119,10 +109,10 @@ def integrated_force() -> Any:
 
 
 def printed_force(*, width: bool = True, last_factor: Any = None) -> Any:
-    """Equation (10) as printed, a SymPy expression in v, sigma, N, the parameters and the contact width `w`.
+    """Equation (10) of [Park2008] as printed, with two errors.
 
-    The print has two errors: the first term contains w although Cx includes it, and the factor of the last term is
-    1/2 instead of 1/4, which follows from (5)-(9). `width=False` drops w, `last_factor` replaces the 1/2.
+    The first term contains the contact width w although Cx includes it; `width=False` leaves it out. The factor of the
+    last term is 1/2, but 1/4 follows from (5)-(9); `last_factor` replaces it.
     """
     import sympy as sp
 

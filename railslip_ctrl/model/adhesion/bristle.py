@@ -17,8 +17,8 @@ REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)  #: [Park2008] p. 55
 class Bristle(AdhesionLaw):
     """Railway bristle model Fa = alpha z, z' = sigma - alpha h |sigma| z, h = beta/(gamma - |sigma|).
 
-    The source prints it without the absolute values; z then diverges for sigma < 0. In steady state (z' = 0)
-    Fa = (gamma - sigma)/beta: it falls for every sigma > 0, and the law is defined for sigma < gamma only.
+    The source prints sigma for |sigma|; z then diverges for sigma < 0. In steady state Fa = (gamma - sigma)/beta for
+    sigma > 0. The law is valid for |sigma| < gamma.
     """
 
     name: ClassVar[str] = "bristle"
@@ -33,17 +33,14 @@ class Bristle(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with its parameters for v0 in km/h by [Park2008] (30)-(32); see `published_coefficients`."""
         alpha, beta, gamma = published_coefficients(initial_speed_kmh, wheel_load)
         return cls(alpha=alpha, beta=beta, gamma=gamma, reference=REFERENCE).on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Upper limit of the slip ratio at speed `v`, m/s, where the adhesion vanishes, and a text with this reason."""
         return self.gamma / v, "the slip velocity reaches gamma, at which the adhesion vanishes"
 
     @classmethod
     def statement(cls) -> Statement:
-        """Equations (19)-(22) of [Park2008], written with the state z."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -62,11 +59,10 @@ class Bristle(AdhesionLaw):
 
 
 def published_coefficients(initial_speed_kmh: float, wheel_load: float) -> tuple[float, float, float]:
-    """Parameters alpha (N/m), beta ((m/s)/N) and gamma (m/s) on dry rail by [Park2008] (30)-(32).
+    """Parameters alpha (N/m), beta ((m/s)/N) and gamma (m/s) for dry rail by [Park2008] (30)-(32).
 
-    The unit that the source prints for alpha does not fit; N/m gives the published peaks. The parameters were
-    identified at 34 500 N. For another wheel load the project assumes that mu does not change: alpha then grows with
-    the load, and beta falls. InputError for v0 outside 30 to 140 km/h.
+    The unit that the source prints for alpha is wrong; N/m gives the published peaks. For a wheel load other than
+    34 500 N alpha and beta are scaled on the assumption that mu does not change with the load.
     """
     check_published_range(initial_speed_kmh, wheel_load)
     v0 = initial_speed_kmh

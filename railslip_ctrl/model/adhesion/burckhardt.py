@@ -19,17 +19,12 @@ SURFACES: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "snow": MappingProxyType({"c1": 0.1946, "c2": 94.129, "c3": 0.0646}),
     }
 )
-"""Published sets by road surface. Wet asphalt is rounded; other sources print one more digit."""
 
 
 class Burckhardt(AdhesionLaw):
     """Burckhardt's law Fa = N mu, mu = c1 (1 - exp(-c2 lambda)) - c3 lambda for lambda >= 0, odd in lambda.
 
-    It describes a tyre on a road, not a wheel on a rail: its published adhesion coefficients are about three times
-    those of a rail. It does not depend on the speed. The slope at 0 is c1 c2 - c3 from both sides, without a kink.
-
-    Wet rail: the published set of dry asphalt becomes that of wet asphalt. For other dry parameters `wet_factors`
-    halve c1 and c3, and thus mu at every slip. The published sets are for any v0 and have no reference slip.
+    It describes a tyre on a road; its adhesion coefficients are about three times those of a wheel on a rail.
     """
 
     name: ClassVar[str] = "burckhardt"
@@ -46,7 +41,6 @@ class Burckhardt(AdhesionLaw):
     c3: float = quantity("1", "slope of the fall with slip", ge=0)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio (above 1 for published sets) at which mu is 0 at every `v`, with the reason as text."""
         reason = "the adhesion coefficient is no longer positive"
         if self.c3 == 0.0:
             return math.inf, reason
@@ -59,10 +53,7 @@ class Burckhardt(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """The curve with tanh instead of `sign` and exp: `sign` loses the derivative at 0, and exp can overflow.
-
-        1 - exp(-x) = 2 t/(1 + t) with t = tanh(x/2); with |t| in the denominator the right side is odd in x.
-        """
+        """Equations with t = tanh(x/2), 1 - exp(-x) = 2 t/(1 + t): `sign` has no derivative at 0, exp can overflow."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol

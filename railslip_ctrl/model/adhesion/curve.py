@@ -21,10 +21,10 @@ SLIP_ACCELERATION = 2.93  #: R of the ramp, m/s^2 (10.55 km/h/s): the value that
 
 
 class Curve(AdhesionLaw):
-    """Bristle curve Fa = F(lambda): dF/ds = alpha (1 - h F) s/R, F(0) = 0, along the ramp s = lambda v0.
+    """Bristle curve Fa = F(lambda): dF/ds = alpha (1 - h F) s/R, F(0) = 0, h = beta/(gamma - s), s = lambda v0.
 
-    On the ramp the slip velocity s rises at the constant rate R; h = beta/(gamma - s). F depends only on the slip
-    ratio, is odd, and is defined for lambda v0 < gamma.
+    It is the force of the bristle model while the slip velocity s rises at the constant rate R. F is odd and valid for
+    |lambda| v0 < gamma.
     """
 
     name: ClassVar[str] = "curve"
@@ -41,19 +41,16 @@ class Curve(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with the parameters of [Park2008] (30)-(32), and with the R that gives the published peak of mu."""
         check_published_range(initial_speed_kmh, wheel_load)
         alpha, beta, gamma = published_coefficients(initial_speed_kmh, wheel_load)
         law = cls(alpha=alpha, beta=beta, gamma=gamma, v0=initial_speed_kmh * KMH, reference=REFERENCE)
         return law.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio gamma/v0, the same for every `v`, at which the adhesion vanishes, with the reason as text."""
         return self.gamma / self.v0, "the slip velocity on the ramp reaches gamma, at which the adhesion vanishes"
 
     @classmethod
     def statement(cls) -> Statement:
-        """The curve as a SymPy function whose derivative is the right-hand side of its differential equation."""
         from railslip_ctrl.core.notation import symbol
 
         curve = _curve_function()
@@ -64,13 +61,10 @@ class Curve(AdhesionLaw):
 
 
 def _curve_function() -> Any:
-    """SymPy function of the bristle curve."""
     import sympy as sp
     from sympy.core.function import ArgumentIndexError
 
     class BristleCurve(sp.Function):  # type: ignore[misc]
-        """Force F as a function of (lambda; alpha, beta, gamma, R, v0)."""
-
         nargs = 6
         is_real = True
 
@@ -84,16 +78,13 @@ def _curve_function() -> Any:
     return BristleCurve
 
 
-# Over the range of integration the integrand decays by exp(-_DEPTH), to less than the rounding of the result. As a
-# function of the logarithm of the distance to gamma it is entire. For all parameters 40 Gauss-Legendre nodes have a
-# relative error of 2e-13, the rounding of the outermost weights.
-_DEPTH = 37.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
+_DEPTH = 37.0  # the integral begins where the exponential is exp(-37), less than the rounding of the result
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)  # relative error 2e-13 for all parameters
 _NEWTON_STEPS = 8  # enough for every start of the integration
-_BLOCK = 256  # slip ratios computed at once: their arrays stay in the cache; a whole table takes four times as long
+_BLOCK = 256  # slip ratios computed at once; without blocks, which fit the cache, a table takes four times as long
 
-# Between close slip velocities 5 nodes have an error below 2e-13 under three conditions: over the gap Phi grows by at
-# most _STEP, the change of its slope times the gap is at most _BEND, and gamma is at least _GAPS gaps away.
+# Between two close slip velocities 5 nodes have an error below 2e-13 under three conditions: Phi grows by at most
+# _STEP, the change of its slope times the gap is at most _BEND, and gamma is at least _GAPS gaps away.
 _STEP, _BEND, _GAPS = 0.4, 0.05, 10.0
 _FEW_NODES, _FEW_WEIGHTS = np.polynomial.legendre.leggauss(5)
 
@@ -101,9 +92,8 @@ _FEW_NODES, _FEW_WEIGHTS = np.polynomial.legendre.leggauss(5)
 def curve_force(slip: ArrayLike, alpha: float, beta: float, gamma: float, R: float, v0: float) -> Floats | np.float64:
     """Force of the bristle curve, N, at slip ratios of any shape, accurate to 2e-13; NaN where |slip| v0 >= gamma.
 
-    Variation of constants gives F(s) = (alpha/R) int_0^s t exp(Phi(t) - Phi(s)) dt with
-    Phi' = (alpha beta/R) s/(gamma - s). Gauss-Legendre quadrature computes the integral over the relevant part of
-    [0, s].
+    F(s) = (alpha/R) int_0^s t exp(Phi(t) - Phi(s)) dt with Phi' = (alpha beta/R) s/(gamma - s), by Gauss-Legendre
+    quadrature.
     """
     lam = np.asarray(slip, dtype=float)
     s = np.abs(lam) * v0
@@ -117,7 +107,6 @@ def curve_force(slip: ArrayLike, alpha: float, beta: float, gamma: float, R: flo
 
 
 def _each_alone(s: Floats, c: float, gamma: float) -> Floats:
-    """Integral of t exp(Phi(t) - Phi(s)) over t from 0 to each s, (m/s)^2; shape (n,)."""
     room = gamma - s
     half = 0.5 * np.log((gamma - _start_of_integration(s, c, gamma)) / room)
     integrals = np.empty(s.size)
@@ -131,7 +120,7 @@ def _each_alone(s: Floats, c: float, gamma: float) -> Floats:
 
 
 def _close_together(s: Floats, c: float, gamma: float) -> int:
-    """Number of slip velocities, counted from the first, that are close enough to each other for `_in_steps`."""
+    """Number of first elements of `s` that are close enough to each other for `_in_steps`."""
     if s.size < 2 or s[0] != 0:
         return 0
     gap = np.diff(s)
@@ -143,7 +132,7 @@ def _close_together(s: Floats, c: float, gamma: float) -> int:
 
 
 def _in_steps(s: Floats, c: float, gamma: float) -> Floats:
-    """Integral of `_each_alone` at slip velocities close together, each computed from the integral before it."""
+    """Compute each integral from the integral up to the slip velocity before."""
     if s.size < 2:
         return np.zeros(s.size)
     gap, end = np.diff(s), s[1:]
@@ -155,17 +144,13 @@ def _in_steps(s: Floats, c: float, gamma: float) -> Floats:
 
 
 def _phi_difference(s: Floats, back: Floats, c: float, gamma: float) -> Floats:
-    """Phi(s) - Phi(s - back), without the cancellation of two large logarithms."""
+    """Phi(s) - Phi(s - back), without cancellation."""
     result: Floats = c * (gamma * np.log1p(back / (gamma - s)) - back)
     return result
 
 
 def _start_of_integration(s: Floats, c: float, gamma: float) -> Floats:
-    """Slip velocity below s at which the integrand has decayed by exp(-_DEPTH); 0 if it never has.
-
-    Phi is convex and rising: Newton's iteration from s descends to the root without passing it. An iterate above the
-    root only omits a negligible part of the integral.
-    """
+    """Slip velocity t < s with Phi(s) - Phi(t) = _DEPTH, by Newton's method; 0 if there is none."""
     found, deep = np.zeros(s.shape), _phi_difference(s, s, c, gamma) > _DEPTH
     end = start = s[deep]
     for _ in range(_NEWTON_STEPS):

@@ -1,7 +1,4 @@
-"""Dynamic friction models with bristle deflection: Dahl, LuGre and the lumped LuGre tyre model.
-
-Sources: [Dahl1976], [CanudasDeWit1995] and [CanudasDeWit1999], in the form of [Park2008] (11)-(18).
-"""
+"""Dahl [Dahl1976], LuGre [CanudasDeWit1995] and LuGre tyre [CanudasDeWit1999] models, as in [Park2008] (11)-(18)."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from .base import AdhesionLaw, Statement
 
 
 class Dahl(AdhesionLaw):
-    """Dahl's law Fa = alpha z, z' = sigma - alpha |sigma| z/Fc: Coulomb friction with presliding; steady |Fa| is Fc."""
+    """Dahl's law Fa = alpha z, z' = sigma - alpha |sigma| z/Fc; |Fa| is Fc in steady state."""
 
     name: ClassVar[str] = "dahl"
     title: ClassVar[str] = "Dahl model, dynamic"
@@ -28,7 +25,6 @@ class Dahl(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """Equations (11) and (12) of [Park2008]."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -64,7 +60,6 @@ class LuGre(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """Equations (13)-(15) of [Park2008]."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -103,7 +98,6 @@ class TyreLuGre(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """Equations (16)-(18) of [Park2008]."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol

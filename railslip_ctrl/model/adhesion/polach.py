@@ -1,4 +1,4 @@
-"""Polach model, static: wheel and rail at the adhesion limit of traction vehicles."""
+"""Polach model, static, for wheel and rail at the adhesion limit."""
 
 from __future__ import annotations
 
@@ -19,13 +19,8 @@ KALKER_C11 = 4.12  #: Kalker's coefficient c11 of longitudinal creep, dimensionl
 class Polach(AdhesionLaw):
     """Polach's law Fa = (2 N mu/pi) [kA e/(1 + (kA e)^2) + arctan(kS e)], e = G pi a b c11 lambda/(4 N mu).
 
-    mu = mu0 [(1 - A) exp(-Bw w) + A], w = |sigma|. Bw is B in the source; here B is the viscous friction. Fa is odd in
-    sigma, finite for every slip and without kinks: N mu e does not depend on mu, so that |sigma| enters the expansion
-    of Fa about 0 only from the fourth order on.
-
-    Wet rail: the published dry set becomes the published wet one. For other dry parameters `wet_factors` halve mu0,
-    because the other laws halve their peak, too. The published sets are for any v0 and have no reference slip. The
-    project assumes the same contact ellipse for every wheel load.
+    mu = mu0 [(1 - A) exp(-Bw |sigma|) + A]. Fa is odd in sigma, finite for every slip and without kinks. The contact
+    ellipse is assumed to be the same for every wheel load.
     """
 
     name: ClassVar[str] = "polach"
@@ -55,7 +50,6 @@ class Polach(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """The closed form; only mu contains |sigma|, so that the derivative at 0 is correct."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol

@@ -1,4 +1,4 @@
-"""Lookup table, static: adhesion coefficients by slip ratio with smooth interpolation."""
+"""Lookup table, static: interpolated adhesion coefficients by slip ratio."""
 
 from __future__ import annotations
 
@@ -26,16 +26,15 @@ WET_FACTOR = 0.5  #: adhesion on wet rail over that on dry rail, as for the othe
 class LookupTable(AdhesionLaw):
     """Tabulated law Fa = N mu(lambda), mu by monotone cubic interpolation (PCHIP), odd in lambda.
 
-    `slip` rises strictly within 0 to 1; if the first knot is above 0, the knot (0, 0) is added. `mu` is not negative.
-    Between knots the curve does not overshoot, and its slope is continuous. It ends at the last knot. In a file:
+    `slip` ascends strictly from 0 to at most 1, and `mu` is >= 0; a missing point (0, 0) is added. The curve ends at
+    the last point. In a file:
 
         law = "table"
         [parameters]
         slip = [0.02, 0.05, 0.1, 0.2, 0.5]
         mu = [0.12, 0.22, 0.25, 0.23, 0.19]
 
-    F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants. SIAM Journal on
-    Scientific and Statistical Computing 5(2), 1984, pp. 300-304.
+    F. N. Fritsch, J. Butland: SIAM Journal on Scientific and Statistical Computing 5(2), 1984, pp. 300-304.
     """
 
     name: ClassVar[str] = "table"
@@ -44,9 +43,7 @@ class LookupTable(AdhesionLaw):
     has_state: ClassVar[bool] = False
 
     slip: tuple[float, ...] = Field(description="slip ratios, ascending", min_length=2, max_length=MOST_KNOTS)
-    mu: tuple[float, ...] = Field(
-        description="adhesion coefficients at these slip ratios", min_length=2, max_length=MOST_KNOTS
-    )
+    mu: tuple[float, ...] = Field(description="adhesion coefficients", min_length=2, max_length=MOST_KNOTS)
 
     @field_validator("slip", "mu", mode="before")
     @classmethod
@@ -78,39 +75,33 @@ class LookupTable(AdhesionLaw):
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
-        """Names of the two columns of the table."""
         return ("slip", "mu")
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
-        """One starred name for the whole table, because its length varies."""
         return ("*table",)
 
     @classmethod
     def symbols(cls) -> tuple[Any, ...]:
-        """One SymPy symbol for the whole table."""
+        # one symbol for the whole table, because its length varies
         import sympy as sp
 
         return (sp.Symbol("table", real=True),)
 
     def parameters(self) -> tuple[float, ...]:
-        """All slip ratios, then all adhesion coefficients."""
         return (*self.slip, *self.mu)
 
     def wet(self) -> Self:
-        """The law on wet rail: coefficients times `WET_FACTOR`; a table for wet rail is unchanged."""
         if self.rail is Rail.WET:
             return self
         return self.model_copy(update={"mu": tuple(WET_FACTOR * mu for mu in self.mu), "rail": Rail.WET})
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio just above the last knot, the same for every `v`, with the reason as text."""
         limit = math.inf if self.slip[-1] == 1.0 else float(np.nextafter(self.slip[-1], 1.0))
         return limit, "the table ends there"
 
     @classmethod
     def statement(cls) -> Statement:
-        """The table as a SymPy function, with its derivative as a second function."""
         from railslip_ctrl.core.notation import symbol
 
         force = _table_force()
@@ -121,19 +112,15 @@ class LookupTable(AdhesionLaw):
 
 
 def _table_force() -> Any:
-    """SymPy function of the tabulated force."""
     import sympy as sp
     from sympy.core.function import ArgumentIndexError
 
     class TableSlope(sp.Function):  # type: ignore[misc]
-        """Derivative dF/dlambda as a function of (lambda; N, table)."""
-
+        # function of (lambda; N, table), as TableForce
         nargs = 3
         is_real = True
 
     class TableForce(sp.Function):  # type: ignore[misc]
-        """Tabulated force F as a function of (lambda; N, table)."""
-
         nargs = 3
         is_real = True
 
@@ -146,24 +133,20 @@ def _table_force() -> Any:
 
 
 def table_force(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> Floats | np.float64:
-    """Tabulated force, N, at slip ratios of any shape; NaN above the last knot.
-
-    `table`: values as `LookupTable.parameters` returns them.
-    """
+    """Tabulated force, N, at slip ratios of any shape; NaN above the last slip ratio of `table`."""
     ratio = np.asarray(slip, dtype=float)
     value, _ = _interpolants(tuple(table))
     return np.asarray(wheel_load * np.sign(ratio) * value(np.abs(ratio)), dtype=float)[()]
 
 
 def table_slope(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> Floats | np.float64:
-    """Derivative dF/dlambda, N, of `table_force`; even in the slip ratio."""
+    """Derivative of `table_force` with respect to the slip ratio, N."""
     _, slope = _interpolants(tuple(table))
     return np.asarray(wheel_load * slope(np.abs(np.asarray(slip, dtype=float))), dtype=float)[()]
 
 
 @lru_cache(maxsize=256)
 def _interpolants(table: tuple[float, ...]) -> tuple[Any, Any]:
-    """Interpolants of mu and of its derivative over the slip ratio."""
     from scipy.interpolate import PchipInterpolator
 
     count = len(table) // 2
