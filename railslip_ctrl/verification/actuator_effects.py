@@ -55,7 +55,7 @@ def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
 
 
 def largest_adaptation(loop: SurfaceLoop) -> float:
-    """Return the largest stable adaptation gain k without the relay, in the paper's unit; 0 if none, inf if all."""
+    """Return the largest stable adaptation gain k without the relay, as printed; 0 if none, inf without limit."""
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
 
 
@@ -63,9 +63,9 @@ def largest_adaptation(loop: SurfaceLoop) -> float:
 class Survivors:
     """Limits of the gains for a stable loop with actuator and without the relay, each with the other gains unchanged.
 
-    - stable: True if the loop without adaptation is stable; if not, the limits of k, rho and D are 0.
+    - stable: True if the loop without adaptation is stable; if not, k, rho and D are 0.
     - k, rho, D: largest stable values, in 1, 1/s and N*m/(m/s); inf without a limit.
-    - layer: smallest half width of the boundary layer, m/s, without oscillation; inf if there is none.
+    - layer: smallest half width of the boundary layer, m/s, without oscillation; inf without one.
     """
 
     stable: bool
@@ -155,9 +155,9 @@ class ActuatorEffect:
 
     - existence, cycle, survivors: results of `SurfaceLoop.sliding_existence`, `relay_cycle` and `survivors`.
     - runs: simulated runs of the law with adaptation, by name.
-    - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop without relay, for an ideal
-      brake and for the actuator.
-    - unstable_linear: number of unstable poles with actuator, without relay and adaptation.
+    - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop, relay gain 0, without and
+      with actuator.
+    - unstable_linear: number of unstable poles with actuator and relay gain 0, without adaptation.
     """
 
     loop: SurfaceLoop

@@ -44,7 +44,7 @@ def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
 
 
 def _pieces(*parts: arb) -> arb:
-    """Return a ball that contains the value of a Piecewise; `parts` are value, slack, value, slack, ..., last value."""
+    """Return a ball that contains a Piecewise; `parts`: value and slack of each branch, value of the last one."""
     # the first branch with a slack >= 0 applies; the slack of a branch is a ball, so that several may apply
     possible = []
     for value, slack in zip(parts[:-1:2], parts[1::2], strict=True):

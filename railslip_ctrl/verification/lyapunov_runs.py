@@ -63,7 +63,7 @@ class AlongRun:
 
 @dataclass(frozen=True)
 class LyapunovRun:
-    """A run with its conditions; `ultimate`: largest |s|, m/s, and slip error, a ratio, at the end of each stage."""
+    """A run with its conditions; `ultimate`: largest |s|, m/s, and slip error, late in each stage (`TAIL`)."""
 
     run: Run
     signals: LyapunovSignals
@@ -159,7 +159,7 @@ def _lyapunov_signals(
 
 
 def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
-    # a sampled relay crosses 0 in every switching period; samples in which s crosses 0 are no violations
+    # a sampled relay crosses 0 in every switching period, which is no violation
     weight = np.append(np.diff(signals.time), 0.0)
     crosses = np.append(signals.s[:-1] * signals.s[1:] <= 0, False)
     judged = {

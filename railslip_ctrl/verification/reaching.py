@@ -118,7 +118,7 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
 
 def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
     """Return the box of the published run, dry: 100 to 5 km/h, slip 0 to twice the reference, empty to loaded."""
-    # z starts at 0, and Ta is independent of the slip
+    # the adhesion torque starts at 0 (z = 0), and is independent of the slip in the box
     return replace(
         reference_set(vehicle, sigmas=sigmas),
         adhesion_torque=(0.0, vanishing_slip_torque(vehicle)),

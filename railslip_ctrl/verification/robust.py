@@ -96,7 +96,7 @@ def boundary_layer_proved() -> bool:
 
 @cache
 def dead_zone_proved() -> bool:
-    """Prove V' <= -h D0 s_D^2 for the dead zone, in which s_D = s - Phi sat(s/Phi) replaces s in V and adaptation."""
+    """Prove V' <= -h D0 s_D^2 for the dead zone; s_D = s - Phi sat(s/Phi) replaces s in V and in the adaptation."""
     made = derive()
     above = _error_rate(made).subs(sp.sign(s), 1)
     # s > Phi, with s_D = x; s < -Phi follows by symmetry
