@@ -19,7 +19,16 @@ from project import ROOT, changed
 from test_envelope import COACH, own_loop
 from test_laws import LAW
 
-from railslip_ctrl import Envelope, SampledController, judge, linearize, load_controller, load_vehicle, operating_point
+from railslip_ctrl import (
+    PI,
+    Envelope,
+    SampledController,
+    judge,
+    linearize,
+    load_controller,
+    load_vehicle,
+    operating_point,
+)
 from railslip_ctrl.cli.margins import given_controller
 from railslip_ctrl.controllers.seeking import Seeking
 from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop

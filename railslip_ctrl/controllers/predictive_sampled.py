@@ -166,9 +166,7 @@ class SampledLaw:
         every = max(math.ceil(end / (points * self.period)), 1)
         later = np.linalg.matrix_power(self._sample(), every)
         count = min(int(end / (every * self.period)) + 1, points)
-        states = np.zeros(
-            (len(later), 2)
-        )  # two columns per time, doubled until all are there
+        states = np.zeros((len(later), 2))  # two columns per time, doubled until all are there
         states[-2, 0], states[-1, 1] = reference, torque
         while states.shape[1] < 2 * count:
             states = np.hstack([states, later @ states])

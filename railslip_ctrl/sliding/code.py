@@ -1,7 +1,6 @@
 """Python code of the sampled law, with the parameter values of an adhesion law if they come from a file.
 
-The code is a module made from `templates/law.py.jinja`: functions of plain numbers, and a step function that changes a
-state with named fields. `controllers` compiles the module into kernels and prints it as C99.
+The code is a module made from `templates/law.py.jinja`. `controllers` compiles it into kernels and prints it as C99.
 """
 
 from __future__ import annotations
@@ -36,10 +35,7 @@ _HELPERS = ("reciprocal", "exponential", "limited")
 
 @dataclass(frozen=True)
 class LawCode:
-    """The sliding-mode law as text of a Python module, with the parameter values of its adhesion law, if any.
-
-    `numbers` has these values, one record for each rail condition; empty if the text has none.
-    """
+    """The law as text of a Python module; `numbers`: adhesion parameters in the text, for each rail condition."""
 
     law: SampledLaw
     python: str
@@ -120,19 +116,12 @@ def _source(law: SampledLaw) -> str:
 
 
 def _field(name: str, meaning: str, rules: tuple[str, ...], has_default: bool) -> str:
-    """Return the line that declares the field `name`, annotated with its meaning and the bounds (`rules`) of its value.
-
-    `has_default`: True for a default of 0.
-    """
     notes = ", ".join(f'"{note}"' for note in (meaning, *rules))
     return f"    {name}: Annotated[float, {notes}]{' = 0.0' if has_default else ''}"
 
 
 def _statements(targets: list[Assignment], law: SampledLaw) -> list[str]:
-    """Return the lines that assign the targets, after their common subexpressions; parameters are read from `p`.
-
-    Division and exp use the `_HELPERS`, so that a parameter of 0 has the same effect in Python and in C.
-    """
+    # division and exp use the `_HELPERS`, so that a parameter of 0 has the same effect in Python and in C
     lines = [f"    # {law.meaning(name)}" for name, _ in targets if name in EXPLAINED]
     temporaries, values = sp.cse([value for _, value in targets], symbols=sp.numbered_symbols(f"{targets[0][0]}_part"))
     renamed = {**{name: f"p.{name}" for name in law.parameters}, "switching": "switching_"}
@@ -154,7 +143,6 @@ def _statements(targets: list[Assignment], law: SampledLaw) -> list[str]:
 
 
 def _short(line: str) -> list[str]:
-    """Return a line of code as lines of at most `WIDTH` characters, broken before operators and indented."""
     if len(line) <= WIDTH:
         return [line]
     blank = "\N{NO-BREAK SPACE}"  # no break between an operator and its right operand, or around =
@@ -206,10 +194,8 @@ def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, .
 
 
 def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...], file: Path) -> LawCode:
-    """Return the code with the numbers appended, one dictionary per rail, and the name of their `file` in its head.
-
-    The code of a law without a closed form is returned unchanged: it takes the adhesion torque as an argument.
-    """
+    """Return the code with the numbers appended, one dictionary per rail, and the name of their `file` in its head."""
+    # the code of a law without a closed form takes the adhesion torque as an argument
     named = [(one.rail, {PREFIX + name: value for name, value in one.parameters}) for one in numbers]
     if not all(name in code.law.parameters for _, row in named for name in row):
         return code

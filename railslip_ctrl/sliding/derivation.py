@@ -77,7 +77,6 @@ def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
 
 
 def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, DerivationStep, sp.Expr]:
-    """Differentiate [Park2008] (33) in time; return (e, e', s, derivation step, s'), with s' in sigma', v' and e."""
     t, x = sp.symbols("t x", real=True)
     v_t, sigma_t = sp.Function("v")(t), sp.Function("sigma")(t)
     at_reference = linear_solution(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma).subs(plant.v, v_t)
@@ -103,7 +102,6 @@ def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, De
 
 
 def _in_plant_variables(expression: sp.Expr) -> sp.Expr:
-    """Replace Ta, Fr and omega by functions of Fa, v and sigma, the variables of `plant.motion`."""
     wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
     stated = {plant.Ta: plant.ADHESION_TORQUE.rhs, plant.Fr: plant.RESISTANCE.rhs}
     return expression.subs({**stated, plant.omega: wheel_speed})
@@ -112,9 +110,6 @@ def _in_plant_variables(expression: sp.Expr) -> sp.Expr:
 def grouped_rate(rate: sp.Expr) -> sp.Expr:
     """Collect the terms of s' by torques and omega, as [Park2008] does."""
     return sp.collect(rate, (plant.Ta, plant.Tr, plant.omega, plant.Tb, plant.Td))
-
-
-# --- known parameters: equivalent and robust control ------------------------------------------------------------------
 
 
 Ueq, Ur, D, K, D0, K0 = (sliding_symbol(name) for name in ("Ueq", "Ur", "D", "K", "D0", "K0"))
@@ -193,9 +188,6 @@ def grouped(control: sp.Expr) -> sp.Expr:
     factor = plant.J / plant.r
     inside = sp.collect(sp.expand(control / factor), (plant.Ta, plant.omega))
     return sp.Mul(factor, inside, evaluate=False)
-
-
-# --- perturbed parameters and the adaptive law ------------------------------------------------------------------------
 
 
 Mn, Mp, Bn, Bp = (sliding_symbol(name) for name in ("Mn", "Mp", "Bn", "Bp"))
@@ -295,7 +287,6 @@ def derive_adaptation(reference: Reference) -> Adaptation:
 
 
 def _with_theta(known: sp.Expr, theta: tuple[sp.Expr, ...]) -> sp.Expr:
-    """Return s' without disturbances: its nominal value plus the product of theta and the regressor phi."""
     return known.subs(NOMINAL) + sum(a * b for a, b in zip(theta, PHI, strict=True))
 
 
@@ -314,7 +305,6 @@ def _lyapunov(error_dynamics: sp.Expr, disturbance: sp.Expr, gains: tuple[sp.Sym
 
 
 def _function_steps(scalar: Lyapunov) -> tuple[DerivationStep, DerivationStep]:
-    """Return the steps "Lyapunov function" and "rate of V"."""
     hessian = sp.hessian(scalar.V, (s, *THETA_TILDE))
     second = [sp.diff(scalar.cross_term, a, b) for a in THETA_TILDE for b in THETA_TILDE]
     rest = scalar.V_rate - scalar.cross_term
@@ -339,7 +329,6 @@ def _adaptation_step(name: str, function: Lyapunov) -> DerivationStep:
 
 @cache
 def _statement_steps() -> tuple[DerivationStep, ...]:
-    """Return the steps for slip ratio, travelling resistance and actuator."""
     ratio = plant.SLIP_RATIO.rhs.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
     rolls, locks = (ratio.subs(plant.omega, omega) for omega in (plant.v / plant.r, 0))
     grows = bool(sp.diff(ratio, plant.omega).is_negative)
@@ -431,7 +420,6 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
 
 
 def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
-    """Derive the change of s' if estimates replace Ta and v' in the law; return (step, change)."""
     estimates = {plant.Ta: sliding_symbol("Ta_hat"), plant.v_rate: sliding_symbol("v_rate_hat")}
     law = adaptive.adaptive_law_control
     with_estimates = adaptive.s_rate.subs(plant.Tb, law.subs(estimates))
@@ -453,7 +441,6 @@ def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
 def _with_adhesion(
     law: str | None, adaptive: Adaptation
 ) -> tuple[tuple[DerivationStep, ...], sp.Expr | None, sp.Expr | None, sp.Expr]:
-    """Substitute an adhesion law for Ta; return (steps, adhesion torque, state rate, control law)."""
     control = adaptive.adaptive_law_control
     if law is None:
         return (), None, None, control

@@ -47,10 +47,8 @@ class LawGains:
 
 
 def gain_parameters(gains: LawGains) -> dict[str, float]:
-    """Return the gains as parameters of the generated law, by name.
-
-    InputError for a box whose lower bound is not below the upper one: in the code equal bounds mean no projection.
-    """
+    """Return the gains as parameters of the generated law, by name; InputError for projection bounds without width."""
+    # in the generated code equal bounds mean no projection
     values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
     values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}
     for i, (low, high) in enumerate(gains.box or (), 1):
@@ -75,8 +73,6 @@ TABLE4_LAWS = MappingProxyType(
 
 PUBLISHED_LAW = TABLE4_LAWS["bristle"]
 
-
-# --- shared parts of the generated code -------------------------------------------------------------------------------
 
 NOT_HOLDING = (
     *("V' <= 0, disturbed", "invariant-set theorem", "theta_hat converges", "scalar gain k"),

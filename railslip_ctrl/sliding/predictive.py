@@ -93,7 +93,6 @@ def derive_predictive() -> PredictiveDerivation:
 
 
 def _holding_torque(wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
-    """Derive H, the brake torque at which e = lambda_d v - sigma is constant while speed and reference change."""
     t = sp.Symbol("t", real=True)
     v_t, omega_t, reference_t = (sp.Function(name)(t) for name in ("v", "omega", "lambda_d"))
     reference = linear_solution(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma)
@@ -119,7 +118,6 @@ def _holding_torque(wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
 
 
 def _in_the_train_s_motion(holding: sp.Expr, train: sp.Expr) -> DerivationStep:
-    """Insert the train's deceleration into H; check that H at the reference slip is the plant's trim torque."""
     inside = sp.expand(holding.subs(a, -train))
     shown = sp.collect(inside, (plant.Ta, plant.Tr, plant.Fr))
     at_reference = {
@@ -133,7 +131,6 @@ def _in_the_train_s_motion(holding: sp.Expr, train: sp.Expr) -> DerivationStep:
 
 
 def _ahead() -> DerivationStep:
-    """Derive T_plus' from the actuator's lag. The acting torque is T_plus delayed by the dead time."""
     s, tau, Tc = symbol("s"), symbol("tau"), symbol("Tc")
     lag, late = plant.actuator_lag_rate(), sp.Dummy("T_plus(t - theta)", real=True)
     rate = lag.subs({plant.Tb: T_plus, Tc: u})
@@ -148,7 +145,6 @@ def _ahead() -> DerivationStep:
 
 
 def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
-    """Derive e_hat, its rate e_hat', which has no delay, and the prediction error e(t + theta) - e_hat."""
     t, x = sp.symbols("t x", real=True)
     torque, holding, estimate, error = (sp.Function(name) for name in ("T_plus", "H", "H_hat", "e"))
     error_rate = -_r / _J * (torque(x - theta) - holding(x))
@@ -180,11 +176,7 @@ def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
     return (reduced, prediction), shown_rate
 
 
-# --- surface, law and reaching ----------------------------------------------------------------------------------------
-
-
 def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], dict[str, sp.Expr]]:
-    """Derive S, S', the command u for the chosen reaching law, and S' under this command."""
     surface = H_hat + _J / _r * kappa * e_hat - T_plus
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
     parts = {H_hat: H_hat_rate, e_hat: reduced, T_plus: ahead}
@@ -214,7 +206,6 @@ def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], dict[str, sp.Exp
 def _motion(
     reduced: sp.Expr, law: dict[str, sp.Expr]
 ) -> tuple[tuple[DerivationStep, ...], sp.Expr, tuple[sp.Expr, sp.Expr]]:
-    """Derive reaching outside the layer, the linear layer, the motion on S = 0, and the authority of the brake."""
     d, size = sliding_symbol("d"), sp.Dummy("|d|", positive=True)
     product = S * (d - k * S - K * sp.sign(S))
     bound = -(K - size) * sp.Abs(S)
@@ -253,11 +244,7 @@ def _motion(
     return steps, sliding, (down, up)
 
 
-# --- effect of the observer and of a falling adhesion curve ----------------------------------------------------------
-
-
 def _pole(holding: sp.Expr, train: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
-    """Derive the pole p in H' = (J/r) p e' on a static curve, from the force's slope, at frozen train speed."""
     slope, rest = sliding_symbol("Fa_slope"), sp.Dummy("Fa_0", real=True)
     force = rest + slope * plant.sigma
     stated = {plant.Ta: plant.ADHESION_TORQUE.rhs.subs(plant.Fa, force), plant.Fr: plant.RESISTANCE.rhs}
@@ -278,10 +265,7 @@ def _pole(holding: sp.Expr, train: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
 
 
 def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[DerivationStep, DerivationStep], sp.Expr]:
-    """Derive the disturbance due to the observer, and a bound of the loop gain from H' back to H'.
-
-    The bound is the sum of the L1 norms of the impulse responses.
-    """
+    # the bound of the loop gain is the sum of the L1 norms of the impulse responses
     p, s = sliding_symbol("p"), sp.Symbol("s", positive=True)
     lag = theta + tau_o
     observed = tau_o * H_hat_rate  # H - H_hat, as tau_o H_hat' = H - H_hat
@@ -323,7 +307,6 @@ def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[Deriva
 
 
 def _layer(holding: sp.Expr, law: dict[str, sp.Expr]) -> tuple[DerivationStep, sp.Expr]:
-    """Derive the loop transfer function of the linear layer, broken at the acting torque."""
     s, Ga, back = symbol("s"), sliding_symbol("Ga"), sp.Dummy("Tb_back", real=True)
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
     # the observer filters Ta and omega by Q, the deceleration by Qa; the wheel accelerates by (v' - sigma')/r
@@ -353,7 +336,6 @@ def _layer(holding: sp.Expr, law: dict[str, sp.Expr]) -> tuple[DerivationStep, s
 
 
 def _relative_degrees(law: dict[str, sp.Expr]) -> tuple[DerivationStep, tuple[int, int]]:
-    """Derive the relative degrees of the published s and of S: the number of derivatives until the command appears."""
     Tc = symbol("Tc")
     published = derive_surface("proportional")["s_rate"]
     behind_the_lag = sp.diff(published, plant.Tb) * plant.actuator_lag_rate()

@@ -54,13 +54,12 @@ _SEED = 2008  # fixed, so that every run checks the same points
 def vanishes(expression: sp.Expr) -> bool:
     """Return True if a rational expression in symbols, sgn and absolute values is proved to be zero.
 
-    Each sgn x is replaced by 1, by -1 and, if x is a symbol, by 0 with x = 0. Functions and Piecewise parts of an
-    adhesion law are treated as symbols. This decides every expression of the control law much faster than `simplify`.
+    Each sgn x is replaced by 1, by -1 and, if x is a symbol, by 0 with x = 0. Other functions are treated as symbols.
     """
     functions = {part for part in expression.atoms(sp.Function) if not isinstance(part, (sp.sign, sp.Abs))}
     opaque = {part: sp.Dummy() for part in functions | expression.atoms(sp.Piecewise)}
     plain = expression.xreplace(opaque).replace(sp.Abs, lambda x: x * sp.sign(x))
-    return all(_is_zero(case) for case in _sign_cases(plain))
+    return all(sp.expand(sp.numer(sp.together(sp.expand(case)))) == 0 for case in _sign_cases(plain))
 
 
 def _sign_cases(expression: sp.Expr) -> Iterator[sp.Expr]:
@@ -73,10 +72,6 @@ def _sign_cases(expression: sp.Expr) -> Iterator[sp.Expr]:
         yield from _sign_cases(expression.xreplace({signs[0]: sp.Integer(value)}))
     if argument.is_Symbol:
         yield from _sign_cases(expression.subs(argument, 0))
-
-
-def _is_zero(expression: sp.Expr) -> bool:
-    return bool(sp.expand(sp.numer(sp.together(sp.expand(expression)))) == 0)
 
 
 def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
@@ -101,10 +96,8 @@ def identical(left: sp.Expr, right: sp.Expr) -> bool:
 
 
 def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
-    """Solve an equation that is linear in the unknown, by `sympy.solve` without its slow `simplify` and `check`.
-
-    Neither changes the result: a linear equation has one solution, and each step of a derivation is checked afterwards.
-    """
+    """Solve an equation that is linear in the unknown."""
+    # the solution is unique, and each step of a derivation is checked afterwards
     return sp.solve(equation, unknown, simplify=False, check=False)[0]
 
 
@@ -134,7 +127,7 @@ class DerivationStep:
 
 @dataclass(frozen=True)
 class Checked:
-    """Base class of the derivations; `steps` has the steps in order."""
+    """Base class of the derivations, with the steps in order."""
 
     steps: tuple[DerivationStep, ...]
 

@@ -163,7 +163,6 @@ def sampled_law(derivation: Derivation) -> SampledLaw:
 
 
 def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
-    """Return the law as short assignments: Tb = Ueq + Ur, Ueq = (J/r) s_drift."""
     equivalent = derivation.adaptive_law_control - derivation.robust_term
     drift = equivalent * plant.r / plant.J
     parts = {
@@ -182,10 +181,6 @@ def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
 
 
 def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | None) -> list[Assignment]:
-    """Return the assignments that compute Ta by an adhesion law in closed form.
-
-    They are, in this order, those of slip velocity, sub-expressions, new state and Ta.
-    """
     statement = law.statement()
     renamed = {symbol: sp.Symbol(PREFIX + symbol.name, **symbol.assumptions0) for symbol in law.symbols()}
     named: dict[sp.Expr, sp.Symbol] = {}
@@ -218,7 +213,6 @@ def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | Non
 
 
 def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
-    """Return the note on the origin of Ta if the code computes it by an adhesion law."""
     path, statement = Path(inspect.getfile(law)), law.statement()
     limits = []
     if statement.sigma_limit is not None:
@@ -233,7 +227,7 @@ def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
 
 
 def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:
-    """Return x_new of a state, the solution of x_new = x + h rate(x_new); the rate must be linear in the state."""
+    # solution of x_new = x + h rate(x_new) for a rate that is linear in the state
     slope = sp.diff(rate, state)
     constant = rate.subs(state, 0)
     return (state + PERIOD * constant) / (1 - PERIOD * slope)

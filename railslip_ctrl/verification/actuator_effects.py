@@ -1,10 +1,7 @@
 """Effect of lag and dead time on the published law and its robust variants, and the largest stable gains.
 
-`relay_loop` decides whether a sliding mode exists in the linear loop, and counts its unstable roots exactly. The
-largest stable value of a gain holds with the other gains unchanged; two gains at their limits may be unstable together.
-In the adaptive loop the relay acts as a gain, which is near 0 for large excursions of s and grows as they become
-smaller.
-`fixed_step` simulates the nonlinear wheel. A run is lost if the wheel locks or leaves the domain of the adhesion law.
+The linear loop (`relay_loop`) shows whether a sliding mode exists, and how many poles are unstable. The nonlinear wheel
+is simulated (`fixed_step`). A run is lost if the wheel locks or leaves the domain of the adhesion law.
 """
 
 from __future__ import annotations
@@ -58,23 +55,17 @@ def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
 
 
 def largest_adaptation(loop: SurfaceLoop) -> float:
-    """Return the largest adaptation gain k, in the paper's unit, for which the loop without the relay is stable.
-
-    The result is 0 if the loop is stable for no k, inf if k has no limit.
-    """
+    """Return the largest stable adaptation gain k without the relay, as printed; 0 if none, inf without limit."""
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
 
 
 @dataclass(frozen=True)
 class Survivors:
-    """Limit of each gain up to which the loop with actuator is stable, while the other gains are unchanged.
+    """Limits of the gains for a stable loop with actuator and without the relay, each with the other gains unchanged.
 
-    The relay is replaced by a gain of 0.
-
-    - stable: True if the linear part (rho, D, feed-forward) is stable; if not, the limits of k, rho and D are 0.
-    - k, rho, D: largest values with a stable loop, in 1, 1/s and N*m/(m/s); inf if there is no limit.
-    - layer: smallest half width of the boundary layer, m/s, with which the loop does not oscillate at its K; inf if it
-      oscillates with every layer.
+    - stable: True if the loop without adaptation is stable; if not, k, rho and D are 0.
+    - k, rho, D: largest stable values, in 1, 1/s and N*m/(m/s); inf without a limit.
+    - layer: smallest half width of the boundary layer, m/s, without oscillation; inf without one.
     """
 
     stable: bool
@@ -118,10 +109,7 @@ class SlipRun:
 
 
 def whole_periods(run: FixedRun) -> tuple[float, slice]:
-    """Return the period, s, of the sliding variable, and the slice of its whole periods.
-
-    The period is NaN if the run has fewer than two.
-    """
+    """Return the period of the sliding variable, s, and the slice of whole periods; NaN if fewer than two."""
     s, time = run.s, run.time
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
@@ -135,8 +123,7 @@ def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: fl
     """Simulate the law with actuator, without disturbances, with known parameters.
 
     The run starts 5 % above the reference slip velocity. The speed is constant if `frozen` is true, otherwise it falls
-    to 5 km/h. The slip range is taken after `settling`; if s oscillates then, over whole periods. `duration` and
-    `settling`, s, are multiplied by the inertia scale.
+    to 5 km/h. The slip range is taken after `settling`. `duration` and `settling`, s, are for inertia scale 1.
     """
     point, scale = loop.plant.point, loop.plant.point.vehicle.inertia_scale
     started = {"duration": scale * duration, "offset": _OFFSET * point.sigma}
@@ -153,10 +140,8 @@ def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: fl
 
 
 def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
-    """Simulate the law with relay, without adaptation, at frozen speed.
-
-    None if there is no limit cycle, or if K is too small for the torque `SurfaceLoop.load`, which the law neglects.
-    """
+    """Simulate the law with relay, without adaptation, at constant speed; None if there is no limit cycle."""
+    # K must exceed the torque that the law neglects
     if not (0.0 < loop.largest_relay_gain < math.inf and loop.load < loop.gains.K):
         return None
     still = loop.with_gains(k1=0.0, k2=0.0)
@@ -170,9 +155,9 @@ class ActuatorEffect:
 
     - existence, cycle, survivors: results of `SurfaceLoop.sliding_existence`, `relay_cycle` and `survivors`.
     - runs: simulated runs of the law with adaptation, by name.
-    - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop without and with actuator, with the
-      relay replaced by a gain of 0.
-    - unstable_linear: number of unstable poles with actuator and without adaptation.
+    - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop, relay gain 0, without and
+      with actuator.
+    - unstable_linear: number of unstable poles with actuator and relay gain 0, without adaptation.
     """
 
     loop: SurfaceLoop
@@ -186,7 +171,6 @@ class ActuatorEffect:
 
     @property
     def name(self) -> str:
-        """Name for tables: adhesion, rail and inertia scale."""
         point = self.loop.plant.point
         return f"{point.adhesion} {point.rail.value}, inertia x {point.vehicle.inertia_scale:g}"
 
@@ -197,7 +181,7 @@ class ActuatorEffect:
 
 
 def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
-    """Analyse the effect of the actuator on one loop."""
+    """Analyse the effect of the actuator on a loop."""
     k = loop.gains.k1
     return ActuatorEffect(
         loop=loop,
@@ -219,8 +203,8 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
 
     K in N*m, D in N*m/(m/s); the other gains are the published ones. The operating points are at 100 km/h and at the
     published reference slips of the bristle model. The finding `as_published` has, for each adhesion law and rail, the
-    largest stable adaptation gain k without the relay, as a ratio to the printed k, both in the as-published reading.
-    It is empty if the vehicle is not the published one, or if a sliding mode exists.
+    largest stable k divided by the printed k, with the as-published inertia scale. It is empty for other vehicles, and
+    if a sliding mode exists.
     """
     effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))
@@ -248,8 +232,8 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
 def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
     """Decide whether boundary layer and relay work with the actuator; return the conditions and the findings.
 
-    K in N*m, D in N*m/(m/s). Findings: `carried`, the largest K, N*m, for which the loop with the boundary layer is
-    stable on both rails; `asked`, the least K, N*m, with which the reaching condition holds; `all_hold`.
+    K in N*m, D in N*m/(m/s). Findings: `carried`, the largest K, N*m, with which the boundary layer is stable; `asked`,
+    the least K, N*m, with which the reaching condition holds; `all_hold`.
     """
     loops = {rail: published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D) for rail in Rail}
     stable = {rail: loop.is_stable(relay_gain=K / LAYER_WIDTH) for rail, loop in loops.items()}

@@ -1,7 +1,7 @@
 """Interval arithmetic: SymPy expressions and adhesion laws on balls, and the largest value of a function over a box.
 
 A ball is python-flint's `arb`: a midpoint and a radius, rounded outward. The ball of a result contains every value that
-the arguments' balls allow. `largest` divides a box until the largest value is enclosed in a narrow range.
+the arguments' balls allow.
 """
 
 from __future__ import annotations
@@ -38,23 +38,14 @@ def upper(value: arb) -> float:
     return math.nextafter(float(value.upper()), math.inf) if value.is_finite() else math.inf
 
 
-# --- SymPy expressions on balls ---------------------------------------------------------------------------------------
-
-
 def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
-    """Return an increasing function on balls, computed from its values at both ends of the ball.
-
-    The result is narrower than flint's enclosure.
-    """
+    # narrower than flint's enclosure of an increasing function
     return lambda x: function(x.lower()).union(function(x.upper()))
 
 
 def _pieces(*parts: arb) -> arb:
-    """Return the value of a Piecewise: the smallest ball that contains the values of all pieces that may apply.
-
-    `parts` has a value and a slack for each piece except the last, then the value of the last piece. A piece applies
-    where its slack is >= 0 and no earlier piece applies. If a slack is certainly > 0, no later piece applies.
-    """
+    """Return a ball that contains a Piecewise; `parts`: value and slack of each branch, value of the last one."""
+    # the first branch with a slack >= 0 applies; the slack of a branch is a ball, so that several may apply
     possible = []
     for value, slack in zip(parts[:-1:2], parts[1::2], strict=True):
         if slack < 0:
@@ -100,7 +91,7 @@ def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **f
 
 
 def _exact(expression: sp.Expr) -> sp.Expr:
-    """Replace each Piecewise by a call of `pieces` (`_pieces`), and each fraction by a quotient that is not rounded."""
+    # `sympy.lambdify` would round fractions, and would evaluate one branch of a Piecewise
     pieces, ratio = sp.Function("pieces"), sp.Function("ratio")
 
     def split(one: sp.Piecewise) -> sp.Expr:
@@ -113,9 +104,6 @@ def _exact(expression: sp.Expr) -> sp.Expr:
 
     whole = expression.replace(lambda x: isinstance(x, sp.Piecewise), split)
     return whole.replace(lambda x: x.is_Rational and not x.is_Integer, lambda x: ratio(x.p, x.q))
-
-
-# --- adhesion laws on balls -------------------------------------------------------------------------------------------
 
 
 Enclosure = Callable[[arb, arb, arb], list[arb]]
@@ -147,12 +135,8 @@ def adhesion_on_balls(law: AdhesionLaw) -> Enclosure:
 
 
 def _curve_on_balls(law: Curve) -> Callable[..., arb]:
-    """Return the enclosure of the force F of `Curve` on a ball of slip ratios >= 0.
-
-    F' has the sign of G - F, and G = (gamma - s)/beta falls with s. Therefore F rises until it meets G, then falls. In
-    a range of slips the smaller of F at the two ends is a lower bound of F. If the peak is in the range, G at the lower
-    end is an upper bound.
-    """
+    # F' has the sign of G - F, and G = (gamma - s)/beta falls with s: F rises until it meets G, then falls. In a range
+    # of slips the smaller F of the two ends is a lower bound; if the peak is inside, G at the lower end is an upper one
     alpha, beta, gamma, R, v0 = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R, law.v0))
 
     def level(slip: arb) -> arb:
@@ -186,7 +170,7 @@ def _curve_on_balls(law: Curve) -> Callable[..., arb]:
 
 @cache
 def _curve_node(law: Curve, index: int) -> arb:
-    """Return an enclosure of F at slip `index` * `_CURVE_STEP`, by validated integration (`curve.curve_force`)."""
+    # validated integration of `curve.curve_force`
     alpha, beta, gamma, R = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R))
     c, s = alpha * beta / R, arb(index * _CURVE_STEP) * arb(law.v0)
 
@@ -219,9 +203,8 @@ def largest(
 ) -> Largest:
     """Enclose the largest value of a function over a box by branch and bound.
 
-    The sub-box with the largest upper bound is halved along the quantity with the largest effect on this bound. The
-    search ends when the upper bound exceeds the attained value by at most `relative` times the attained value or by at
-    most `absolute`, or after `most` sub-boxes.
+    The search ends when the upper bound exceeds the attained value by at most `relative` times the attained value or by
+    at most `absolute`, or after `most` sub-boxes.
     """
     order, attained, at = count(), -math.inf, dict.fromkeys(box, math.nan)
 

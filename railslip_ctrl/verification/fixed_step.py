@@ -1,9 +1,8 @@
 """Fixed-step simulator of the verification: the generated law on the nonlinear wheel, with exact Ta and v'.
 
-`simulate_ideal` is the loop of the proof, in which the law's torque acts at once; with a relay, s oscillates about 0 by
-up to K0 = (r/J) K times one step. `simulate_behind` has dead time and lag. A switch of the relay takes effect at the
-next sample, so times are exact to one step. Braking runs (`simulation`) use another kernel, in which the law is sampled
-as in a brake and uses the steady-state adhesion. The proof does not cover that case.
+A switch of the relay takes effect at the next step, so that s oscillates about 0 by up to (r/J) K times one step.
+Braking runs (`simulation`) use another kernel, in which the law is sampled as in a brake and uses the steady-state
+adhesion. The proof does not cover that case.
 """
 
 from __future__ import annotations
@@ -88,14 +87,7 @@ def _rows(
     frozen: bool = False,
     largest_slip: float = math.inf,
 ) -> tuple[Floats, float]:
-    """Simulate runs; return the signals (columns, steps, runs), NaN after the end of a stop, and the step size, s.
-
-    - vehicles: the first one up to step `changed`, the last one from this step on.
-    - start: v, m/s, sigma, m/s, z, m, and torque, N*m.
-    - forces: random force, N, and noise of the slip velocity, m/s, (runs, steps).
-
-    DomainError if a run leaves the domain of the adhesion law or exceeds the largest slip.
-    """
+    """Simulate runs; return the signals (columns, steps, runs) and the step size, s; arguments as for the kernel."""
     force, noise = forces
     delay = math.ceil(actuator.dead_time / STEP - 1e-9)
     step = actuator.dead_time / delay if delay else STEP
@@ -205,7 +197,6 @@ def simulate_ideal(
 
 
 def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
-    """Return random forces divided by the wheel load, and noise of variance 1, both (seeds, steps)."""
     each = round(_NOISE_INTERVAL / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):

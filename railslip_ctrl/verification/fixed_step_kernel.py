@@ -66,7 +66,7 @@ def run(rows, start, force, noise, plants, change, given, law, table):
     - start: v, sigma, z and the torque before the run; theta_hat starts at 0.
     - force, noise: random force, N, and noise of the slip velocity, m/s, (runs, steps).
     - plants: parameters before step `change`, and parameters from that step on.
-    - law: numbers of the generated `Parameters`.
+    - law: values of the generated `Parameters`.
 
     Returns the index of the first run that leaves the domain of the adhesion law or exceeds the largest slip; else -1.
     """

@@ -1,4 +1,4 @@
-"""Verification of a sliding-mode law: `verify` checks the claims of [Park2008] (33)-(49) and other conditions."""
+"""Verification of a sliding-mode law: the claims of [Park2008] (33)-(49) and other conditions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def verify(
     adhesion: RailAdhesion = PUBLISHED_ADHESION,
     actuator: bool = True,
 ) -> Verification:
-    """Decide every stability condition of a sliding-mode law.
+    """Decide whether the stability conditions of a sliding-mode law hold.
 
     - law: "paper" (the published law, then its robust variants), "robust" (the variants only), or "predictive" (the law
       that accounts for the actuator, over a box of speed, slip and load).

@@ -1,8 +1,7 @@
 """Evaluation of V, V', s s', the reaching condition ([Park2008] (40)) and theta_hat along nonlinear braking runs.
 
-Each condition is evaluated on the simulated wheel, with or without the actuator; the result is the share of time in
-which it holds. s' comes from the plant's rates at the true state, because with an actuator the torque differs from the
-law's command.
+The result is the share of time in which a condition holds. s' comes from the plant's rates at the true state, because
+with an actuator the torque differs from the law's command.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ class LyapunovSignals:
 
 @dataclass(frozen=True)
 class AlongRun:
-    """A condition along a run: share of time in which it held, time of the first violation, s; NaN if there is none."""
+    """A condition along a run: share of the time in which it holds, time of its first violation, s (NaN if none)."""
 
     name: str
     share: float
@@ -64,10 +63,7 @@ class AlongRun:
 
 @dataclass(frozen=True)
 class LyapunovRun:
-    """A run with its conditions.
-
-    `ultimate` has, for each stage, the largest |s|, m/s, and the largest slip error, a ratio, in its last third.
-    """
+    """A run with its conditions; `ultimate`: largest |s|, m/s, and slip error, late in each stage (`TAIL`)."""
 
     run: Run
     signals: LyapunovSignals
@@ -80,10 +76,7 @@ class LyapunovRun:
 
 
 def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True, seed: int | None = 0) -> LyapunovRun:
-    """Simulate the scenario and evaluate the conditions along the run.
-
-    With `actuator=False` the torque acts at once, as in the proof of [Park2008]. With `seed` None there is no noise.
-    """
+    """Simulate a scenario, with or without its actuator, and evaluate the conditions along the run."""
     if not actuator:
         ideal = scenario.vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
         scenario = scenario.model_copy(update={"vehicle": ideal})
@@ -102,7 +95,7 @@ def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True,
 
 
 def _stages(scenario: Scenario, signals: Signals) -> list[tuple[AdhesionLaw, slice]]:
-    """Return adhesion law and samples of each stage; a stage ends when the rail changes."""
+    # a stage ends when the rail changes
 
     def first_sample(event: Any) -> int:
         place, axis = (event.time, signals.time) if event.time is not None else (event.distance, signals.distance)
@@ -121,7 +114,6 @@ def _stages(scenario: Scenario, signals: Signals) -> list[tuple[AdhesionLaw, sli
 def _lyapunov_signals(
     run: Run, controller: Sliding, signals: Signals, stages: list[tuple[AdhesionLaw, slice]]
 ) -> LyapunovSignals:
-    """Compute V and related signals along a recorded run."""
     scenario, vehicle, gains = run.scenario, run.scenario.vehicle, controller.gains
     J, r, scale = vehicle.effective_inertia, vehicle.wheel.radius, vehicle.inertia_scale
     # the true theta steps with the mass and drifts with B(t)
@@ -167,11 +159,7 @@ def _lyapunov_signals(
 
 
 def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
-    """Evaluate s s' < 0, V' <= 0, V' <= 0 for constant theta, and K + D|s| > (J/r)|d|.
-
-    Each sample is weighted with the time to the next one. The first three count as satisfied in a sample in which s
-    crosses 0, because a sampled relay crosses 0 in every switching period.
-    """
+    # a sampled relay crosses 0 in every switching period, which is no violation
     weight = np.append(np.diff(signals.time), 0.0)
     crosses = np.append(signals.s[:-1] * signals.s[1:] <= 0, False)
     judged = {

@@ -60,10 +60,8 @@ class Force:
 
 
 def bounded_adhesion(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Force:
-    """Return bounds of a static law's force up to a speed, m/s; the upper bound is at most the wheel load.
-
-    Results for laws of the package are cached on disk, because the curve law takes a second.
-    """
+    """Return bounds of a static law's force up to a speed, m/s; the upper bound is at most the wheel load."""
+    # the curve law takes a second
     bound = partial(_bounded_adhesion, law, vehicle, speed)
     known = law.name in law_names()
     return cached("adhesion-bounds", bound, f"{law!r} {vehicle.wheel_load!r} {speed!r}") if known else bound()
@@ -133,7 +131,7 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
     falling = (force.most[row] + noise + vehicle.resistance.force(speeds)) / M
 
     def numerator(which: Any, least: Floats, end: Floats, torque: Floats) -> Floats:
-        """Return the largest v slip', m/s^2, of the wheels `which`, for Fa >= `least`, N, and a slip up to `end`."""
+        # largest v slip', m/s^2, for Fa >= `least` and a slip up to `end`
         train = -(1.0 - np.where(least > 0.0, end, 0.0)) * least / M
         wheel = r / J * (friction[which] + (1.0 + TORQUE_FRACTION) * torque - r * least)
         sizes = np.abs(train) + r / J * (friction[which] + torque + r * np.abs(least))

@@ -87,8 +87,6 @@ ASKED = {"brake_gain": 0.15, "dead_time": 0.1, "lag": 0.1, "radius": 0.01, "trai
 RANDOM_FORCE = 3.0  #: bound of the random force, standard deviations
 
 
-# --- the holding torque, from the plant -------------------------------------------------------------------------------
-
 _F, _F_slip, _F_v = sp.symbols("F F_slip F_v", real=True)
 _reference = sp.Symbol("lambda_d", positive=True)
 _off = sp.Symbol("off", real=True)  # torque minus the holding torque, N*m
@@ -99,9 +97,7 @@ _KNOWN = (plant.v, plant.slip, plant.M, plant.J, plant.B, plant.r, plant.Fr0, pl
 def holding_torque() -> tuple[sp.Expr, ...]:
     """Derive (H, P, R0, -v'): holding torque (N*m), bounds P (1/s) and R0 (N*m/s) of its rate, and deceleration.
 
-    H is the torque Tb for which e' = 0, with e = lambda_d v - sigma. If the acting torque is H + off, |H'| is at most
-    R0 + P |off|. The observer filters the parts of H that come from the wheel and from the train separately. Therefore
-    the bounds are sums of the magnitudes of both parts.
+    H is the torque for which e' = 0, e = lambda_d v - sigma. If the torque is H + off, |H'| <= R0 + P |off|.
     """
     motion = plant.motion()
     known = {plant.Td: 0, plant.Tr: 0, plant.sigma: plant.slip * plant.v, plant.Fa: _F}
@@ -114,6 +110,7 @@ def holding_torque() -> tuple[sp.Expr, ...]:
         along = sp.diff(part, _F) * (_F_slip * slip_rate + _F_v * v_rate)
         return sp.expand(along + sp.diff(part, plant.v) * v_rate + sp.diff(part, plant.slip) * slip_rate)
 
+    # the observer filters the parts of H that come from wheel and train separately: their magnitudes are added
     # each part is a factor times a shorter expression, because SymPy may not finish the factorization of the product
     parts = ((1, rate(hold - decelerating)), (decelerating / v_rate, rate(v_rate)))
     pole = sum(sp.Abs(factor) * sp.Abs(sp.cancel(sp.diff(one, _off))) for factor, one in parts)
@@ -126,11 +123,7 @@ _DRIFT_WIDTH = 1e-3  # width of the enclosure of R0 over the wheel load, 1/s; 1 
 
 
 class Extremes(NamedTuple):
-    """Enclosures of the largest values over speed, slip and load of five quantities of `holding_torque`.
-
-    They are -H and H (holding torque, N*m), P (1/s) and R0 (N*m/s) in |H'| <= R0 + P |off|, and the deceleration of the
-    train (m/s^2).
-    """
+    """Enclosures of the largest -H, H, P, R0 and -v' (`holding_torque`) over speed, slip and load."""
 
     lowest: Largest
     highest: Largest
@@ -141,10 +134,7 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True)
 class RailCase:
-    """Rail condition of a verification, with the adhesion law at the empty wheel load and the reference slip.
-
-    `scaled`: True if the law's force is proportional to the wheel load.
-    """
+    """Rail condition with its adhesion law at the empty wheel load; `scaled`: the force is proportional to the load."""
 
     rail: Rail
     law: AdhesionLaw
@@ -153,7 +143,6 @@ class RailCase:
 
     @classmethod
     def of(cls, adhesion: RailAdhesion, rail: Rail, vehicle: Vehicle) -> Self:
-        """Make the record of a rail condition; `scaled` is True if the law's parameters depend on the wheel load."""
         heavy = vehicle.model_copy(update={"wheel_load": load_ratio(vehicle) * vehicle.wheel_load})
         laws = [adhesion.on(rail, one) for one in (vehicle, heavy)]
         return cls(rail, laws[0], laws[0].parameters() != laws[1].parameters(), adhesion.reference(rail, vehicle))
@@ -165,10 +154,7 @@ def _expressions() -> Callable[..., Any]:
 
 
 def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> list[arb]:
-    """Return balls that contain H, P, R0 and -v' of `holding_torque`.
-
-    `point` has balls of `speed` (m/s), `slip` (ratio) and `load` (0 empty, 1 loaded).
-    """
+    """Return H, P, R0 and -v' as balls; `point` has balls of `speed` (m/s), `slip` and `load` (0 empty, 1 loaded)."""
     v, slip, load = point["speed"], point["slip"], point["load"]
     M = arb(vehicle.effective_mass) * (1 + load * (arb(vehicle.mass_loaded) / vehicle.mass - 1))
     share = 1 + load * (arb(load_ratio(vehicle)) - 1)
@@ -200,9 +186,7 @@ def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], s
 
 @dataclass(frozen=True)
 class Demand:
-    """Bounds that the law must satisfy on a rail for all values in a box, each rounded to the safe side.
-
-    The docstring of this module has the equations.
+    """Bounds on a rail for all values in a box, rounded to the safe side; equations are in the module docstring.
 
     - loop: loop gain P (theta + tau) plus the effect of the inertia's error; it must be below 1.
     - d: bound of the disturbance of S', N*m/s, which K must exceed.
@@ -217,7 +201,7 @@ class Demand:
     - jump: bound n of the part of H that may jump, N*m.
     - found: enclosures of H, P, R0 and the deceleration over speed, slip and load.
 
-    If `loop` can be >= 1 or is not finite, all bounds except `loop`, `hold` and `carried` are infinite.
+    If `loop` can be >= 1, all bounds except `loop`, `hold` and `carried` are infinite.
     """
 
     loop: float
@@ -237,10 +221,7 @@ class Demand:
 def demand(
     gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox, *, attained: bool = False
 ) -> Demand:
-    """Compute the bounds of `Demand` by the equations in the docstring of this module.
-
-    attained: True uses values that H, P, R0 and -v' certainly take in the box, instead of their bounds.
-    """
+    """Compute the bounds; if `attained`, from values that H, P, R0 and -v' take in the box, not from their bounds."""
     assert gains.lag is not None, "`believing` sets it"
     kappa, theta, lag = arb(gains.kappa), arb(gains.dead_time), arb(max(gains.lag, _LEAST_LAG))
     ratio = arb(gains.wheel_inertia) / gains.radius
@@ -277,10 +258,7 @@ def demand(
     d = kappa * (tau * rate + 2 * jump + wrong) + more * rate
 
     def left(level: arb) -> float:
-        """Return the least rate of S towards 0 with the command at a torque limit.
-
-        `level`: distance from this limit to H_hat, N*m.
-        """
+        # least rate of S towards 0 with the command at a torque limit, whose distance to H_hat is `level`
         ends = (gains.layer - ratio * kappa * box.error, ahead)
         return least(arb.min(*((level + one) / lag - kappa * one for one in ends)))
 
@@ -298,10 +276,9 @@ def demand(
 
 @dataclass(frozen=True)
 class Kept:
-    """Invariant set |S| <= surface (N*m), |e_hat| <= error (m/s), in which the slip error |e| <= slip_error (m/s).
+    """Invariant set |S| <= surface (N*m), |e_hat| <= error (m/s), in which |e| <= slip_error (m/s).
 
-    The bounds are infinite if no invariant set was found. inside: True if, in this set, the slip stays in the box at
-    every speed.
+    The bounds are infinite if no invariant set was found. inside: True if the slip stays in the box at every speed.
     """
 
     surface: float = math.inf
@@ -369,13 +346,10 @@ STAYS = "the slip stays in the box"
 
 
 def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dict[str, Any]]:
-    """Decide a condition over a box on every rail; return (verdict, numbers).
-
-    - name: `STAYS` or a key of `HOLDS`.
+    """Decide the condition `name`, `STAYS` or a key of `HOLDS`, over a box on every rail; return (verdict, numbers).
 
     The verdict is False if, on some rail, the condition fails even with values of H, P, R0 and -v' that occur in the
-    box, and with H - H_hat and H_hat' at their bounds. It is None if the condition is undecided, for example because
-    the bounds are infinite.
+    box. It is None if the condition is undecided.
     """
     found = {one.rail: demand(case.gains, case.vehicle, one, box) for one in case.rails}
     numbers: dict[str, Any] = {"found": found, "gains": case.gains, "box": box, "fails": []}
@@ -408,7 +382,7 @@ def released(case: Case) -> Condition:
 
 
 def conditions(case: Case) -> tuple[Condition, ...]:
-    """Decide the conditions for a vehicle that is known exactly or with the errors `ASKED`, and with random force."""
+    """Decide which conditions hold for exact parameters, with the errors `ASKED`, and with random force."""
     exact = PredictiveBox()
     boxes = {
         **dict.fromkeys(("small gain", "reaching", "reaching within the torque limits", "authority", STAYS), exact),
@@ -430,8 +404,6 @@ _STEPS = 7  # steps of the bisection, which resolve 1 % of the range
 
 
 class _Quantity(NamedTuple):
-    """Quantity whose tolerance is searched: field of `PredictiveBox`, last value tried, and unit."""
-
     field: str
     most: float
     unit: str
@@ -456,8 +428,7 @@ def box_with(**changes: Any) -> PredictiveBox:
 def tolerances(case: Case) -> tuple[Tolerance, ...]:
     """Find the largest error of each of `QUANTITIES` for which the conditions that hold without errors still hold.
 
-    While one quantity is searched, the others are those of `PredictiveBox()`. `limited_by` is empty if the conditions
-    hold over the whole range that is tried. The result is empty if no condition holds without errors.
+    `limited_by` is empty if they hold over the whole range that is tried.
     """
     exact = PredictiveBox()
     holding = [name for name in (*list(HOLDS)[:3], STAYS) if decided(name, case, exact)[0]]
@@ -484,7 +455,7 @@ def tolerances(case: Case) -> tuple[Tolerance, ...]:
 def verify_predictive(
     vehicle: Vehicle, adhesion: RailAdhesion, *, K: float | None = None, seed: int = 0
 ) -> Verification:
-    """Decide the conditions of the predictive law for a static adhesion law; `curve` replaces `bristle`.
+    """Decide which conditions of the predictive law hold for a static adhesion law; `curve` replaces `bristle`.
 
     K: switching gain, N*m/s; by default that of `Predictive.for_vehicle`. InputError for another law with a state, or
     for a law without interval enclosure.

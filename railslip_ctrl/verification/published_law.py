@@ -1,7 +1,4 @@
-"""Conditions of the published law: SymPy decides the Lyapunov argument, boxes and runs decide reaching and theta.
-
-Numbers in parentheses are equations of [Park2008].
-"""
+"""Conditions of the published law: Lyapunov argument, reaching, boundary layer and adaptation."""
 
 from __future__ import annotations
 
@@ -30,13 +27,9 @@ from .verdict import CORNERS, Condition, checked_at
 
 
 def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> dict[str, Any]:
-    """Compare the derived s' and V' with s' and V' of the plant under the published law, at random points.
+    """Compare the derived s' and V' with those of the plant under the law [Park2008] (45), (49), at random points.
 
-    The published law is [Park2008] (45), (49).
-
-    Returns the largest differences, relative to the sum of the terms' magnitudes, so that cancellation does not count
-    as error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice its steady value, |s| < 2 m/s. The code lists the
-    ranges of parameters, gains, theta_hat and disturbances.
+    Returns the largest differences, relative to the sum of the magnitudes of the terms, by name.
     """
     M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
     ranges = {
@@ -86,9 +79,6 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> d
     }
 
 
-# --- the Lyapunov argument --------------------------------------------------------------------------------------------
-
-
 _s, _D, _K, _k = (sliding_symbol(name) for name in ("s", "D", "K", "k"))
 _Mn, _Mp = sliding_symbol("Mn"), sliding_symbol("Mp")
 _STATE = (_s, *TILDE)
@@ -96,7 +86,7 @@ _IDENTITY_TOLERANCE = 1e-10  # relative; 100 times the largest rounding error of
 
 
 def lyapunov_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
-    """Decide all conditions of the Lyapunov argument; the numbers in them depend on vehicle and gains."""
+    """Decide whether the conditions of the Lyapunov argument hold."""
     made, errors, (k1_unit, k2_unit) = derive(), identity_errors(vehicle, seed=seed), gain_units()
     failed = [one.name for one in made.steps if not one.checked]
     identity = max(errors["surface_rate"], errors["lyapunov_rate"]) <= _IDENTITY_TOLERANCE
@@ -178,10 +168,8 @@ def invariant_set(made: Derivation) -> Condition:
 
 
 def estimates_converge(made: Derivation) -> Condition:
-    """Decide whether theta_hat converges to theta.
-
-    The counterexample is an equilibrium with theta_tilde != 0 at a constant regressor phi.
-    """
+    """Decide whether theta_hat converges to theta."""
+    # the counterexample is an equilibrium with theta_tilde != 0 at a constant regressor phi
     c = sp.Symbol("c", positive=True)
     rest = {TILDE[0]: c * made.phi[1], TILDE[1]: -c * made.phi[0], _s: 0}
     ideal = made.error_dynamics - made.disturbance_perturbed
@@ -194,9 +182,6 @@ def estimates_converge(made: Derivation) -> Condition:
     return Condition("theta_hat converges", not stays, "symbolic", {"level": level, "turns": turns}, claimed=True)
 
 
-# --- reaching, the boundary layer, changes of theta -------------------------------------------------------------------
-
-
 STEP_TIME = 25.0  #: time at which mass and rail change, s ([Park2008] p. 55)
 FRICTION_RATE = -0.01  #: rate of B = 0.25 - 0.01 t, N m s per s ([Park2008] p. 55); before the inertia scale
 DRIFT_NOISE = 0.1  #: standard deviation of the slip noise in the drift simulation, m/s (0.36 km/h)
@@ -205,7 +190,7 @@ _LONGEST_STOP = 80.0  # s; longer than any stop
 
 
 def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
-    """Decide all conditions on reaching, boundary layer and theta, for the published law with these gains."""
+    """Decide whether the conditions on reaching, boundary layer and theta hold for the published law."""
     return (
         reaching_bound(vehicle, gains),
         counterexample(vehicle, gains, seed),
@@ -219,9 +204,7 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
     """Decide whether the reaching condition, [Park2008] (40), holds over the published run.
 
-    The disturbances are the published ones; the random force is bounded at one standard deviation. The numbers also
-    have the least K for three standard deviations, for 100 km/h and the reference slip only, and for inertia scale 1
-    (3.6 if the vehicle has 1).
+    The random force is bounded at one standard deviation. The numbers also have the least K for other boxes.
     """
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})
@@ -249,7 +232,7 @@ def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """Decide [Park2008] (42), s s' < -eta |s|, by a search for the largest s s'/|s| over the published run."""
+    """Search the published run for a point at which [Park2008] (42), s s' < -eta |s|, fails."""
     box = reaching.operating_set(vehicle, sigmas=3.0)
     known, unknown = (reaching.search(box, vehicle, gains, seed=seed, known_mass=flag) for flag in (True, False))
     numbers = {"known": known, "unknown": unknown, "box": box, "seed": seed}
@@ -291,14 +274,12 @@ def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
-    """Return the steps of theta, V and s at 25 s of an undisturbed stop without actuator, by name.
+    """Return the effect of the published changes at 25 s of an undisturbed stop without actuator, by name.
 
-    - end: time at the end of the stop, s.
-    - speed: speed at 25 s, m/s; None if the stop ends earlier.
-    - theta_step: step of theta1, 1/(kg m).
-    - jump: step of V if theta_tilde = 0 before the step, m^2/s^2.
-    - friction_level: part of V due to theta2_tilde, m^2/s^2, after 25 s with B = 0.25 - 0.01 t and constant theta2_hat.
-    - surface_step: step of s when the reference slip changes to that of wet rail, m/s; None if the stop ends earlier.
+    - end, speed: end of the stop, s; speed at 25 s, m/s (None if the stop ends earlier).
+    - theta_step, jump: step of theta1, 1/(kg m), and of V, m^2/s^2, at the mass step, if theta_tilde = 0 before.
+    - friction_level: V, m^2/s^2, due to theta2_tilde at 25 s, with B = 0.25 - 0.01 t and constant theta2_hat.
+    - surface_step: step of s, m/s, if the reference slip becomes that of wet rail (None if the stop ends earlier).
     """
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP)
     end = float(run.time[np.isfinite(run.speed[:, 0])][-1])
@@ -313,10 +294,7 @@ def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
 
 
 def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide whether theta' = 0, as [Park2008] (47) assumes.
-
-    If the stop ends before 25 s, the numbers include a stop with the as-published inertia scale.
-    """
+    """Decide whether theta' = 0, as [Park2008] (47) assumes."""
     here = parameter_step(vehicle, gains)
     steps = {vehicle.inertia_scale: here}
     if here["speed"] is None:
@@ -331,10 +309,9 @@ def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
 def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> dict[str, float]:
     """Simulate the drift of theta_hat due to slip noise, at constant 100 km/h on dry rail, from theta_hat = theta.
 
-    The drift is the mean rate, over `DRIFT_TIME`, of w1 theta1_hat + w2 theta2_hat with w = (k2 omega, -k1 Ta); in this
-    direction s does not change theta_hat. Returns, by name: `mean` and `standard_error` of the drift over the seeds,
-    the `predicted` drift, the drift without noise (`noiseless`), and `per_second`, the mean drift as a rate of torque
-    (J/r) |Ta theta1_hat'|, N m per s.
+    The drift is the mean rate, over `DRIFT_TIME`, of k2 omega theta1_hat - k1 Ta theta2_hat; in this direction s does
+    not change theta_hat. Returns `mean` and `standard_error` over the seeds, the `predicted` drift, the drift without
+    noise (`noiseless`), and `per_second`, the rate of torque (J/r) |Ta theta1_hat'|, N*m/s, due to the mean drift.
     """
     speed = INITIAL_SPEED_KMH * KMH
     settings: dict[str, Any] = {"duration": DRIFT_TIME, "constant_speed": speed}
@@ -356,7 +333,7 @@ def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) ->
     noise = DRIFT_NOISE**2 * (omega * slope + torque / r)
     predicted = -gains.k1 * gains.k2 * (noise + chatter * torque / r)
     mean = float(np.mean(rates))
-    # theta_hat' phi stays 0, so theta1_hat' = (w' theta_hat') omega/(k2 omega^2 + k1 Ta^2)
+    # theta_hat stays orthogonal to phi = (Ta, omega), so theta1_hat' Ta + theta2_hat' omega = 0
     first = mean * omega / (gains.k2 * omega**2 + gains.k1 * torque**2)
     per_second = abs(first * torque) * vehicle.effective_inertia / r
     error = float(np.std(rates, ddof=1) / math.sqrt(len(seeds)))
@@ -369,7 +346,7 @@ _EXPLAINED = 0.05  # largest relative error of the predicted drift, which is of 
 
 
 def drift(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """Decide whether theta_hat stays constant under measurement noise, or drifts."""
+    """Decide whether theta_hat drifts under measurement noise."""
     seeds = tuple(range(seed, seed + _DRIFT_RUNS))
     found = measured_drift(vehicle, replace(gains, layer=0.0), seeds)
     mean, error = found["mean"], found["standard_error"]

@@ -67,12 +67,10 @@ class RailAdhesion:
 
     @property
     def name(self) -> str:
-        """Name of the adhesion law."""
         return self.law if isinstance(self.law, str) else self.law.name
 
     @property
     def text(self) -> str:
-        """Description of the law for messages."""
         if isinstance(self.law, AdhesionLaw):
             return f"{self.name} law as given"
         return f"{self.name} model" if self.name == "bristle" else f"published {self.name} law"

@@ -12,8 +12,8 @@ The bound is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2,
 maximum over a box of these quantities is at a corner. The adhesion torque is an independent state, as in the bristle
 model. Ta and Tr grow with the wheel load, which is convex in 1/M, so the maximum stays at a corner.
 
-`search` is an independent search for a counterexample with the law's torque and s' of the plant. This s' includes the
-term theta_tilde' phi. The bound of K does not, because the adaptation cancels it in V'.
+`search` looks for a counterexample with s' of the plant under the law. This s' includes the term theta_tilde' phi. The
+bound of K does not, because the adaptation cancels it in V'.
 """
 
 from __future__ import annotations
@@ -101,9 +101,7 @@ class ReachingSet:
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
     """Return a box with only the reference point of the published run: 100 km/h, dry, e = 0, steady-state adhesion.
 
-    Of all points of the run, (40) requires the smallest K here. The random force is bounded at `sigmas` standard
-    deviations. `with_torque=False` neglects the disturbance torque Td, which decays by the factor exp(-4) in one
-    second.
+    The random force is at most `sigmas` standard deviations. `with_torque=False` neglects Td.
     """
     slip, speed = reference_slip(), INITIAL_SPEED_KMH * KMH
     torque = rest_adhesion_torque(vehicle, speed, slip)
@@ -119,11 +117,8 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
 
 
 def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
-    """Return the box of the published run on dry rail: 100 to 5 km/h, slip 0 to twice the reference, empty to loaded.
-
-    The adhesion torque ranges from 0 (z = 0 at the start) to its largest steady value, independently of the slip.
-    Adhesion torque and random force are proportional to the wheel load (`load_ratio`). The estimates are exact.
-    """
+    """Return the box of the published run, dry: 100 to 5 km/h, slip 0 to twice the reference, empty to loaded."""
+    # the adhesion torque starts at 0 (z = 0), and is independent of the slip in the box
     return replace(
         reference_set(vehicle, sigmas=sigmas),
         adhesion_torque=(0.0, vanishing_slip_torque(vehicle)),
@@ -174,10 +169,7 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
 
 @cache
 def derived(arguments: str, which: str) -> Callable[..., Any]:
-    """Return the field `which` of the derivation (`derive`) as a function of arrays in SI.
-
-    `arguments`: names of the symbols that the function takes, in order, separated by spaces.
-    """
+    """Return a field of `Derivation` as a function of arrays, SI; `arguments`: names of the symbols, in order."""
     symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
     expression = getattr(derive(), which)
     if which == "adaptive_law_control":  # `switch` stands for sgn s
@@ -188,10 +180,7 @@ def derived(arguments: str, which: str) -> Callable[..., Any]:
 
 
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """Return the true theta of a vehicle, 1/(kg m) and m/s, if the law assumes the nominal vehicle.
-
-    theta is that of [Park2008] (44), corrected.
-    """
+    """Return theta of [Park2008] (44), corrected, 1/(kg m) and m/s, if the law assumes the nominal vehicle."""
     Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
     known = (vehicle.wheel.radius, vehicle.effective_inertia)
     perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
@@ -203,8 +192,6 @@ def law_parameters(**values: float) -> Any:
     free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
     return generated_law().Parameters(**{**free, **values})
 
-
-# --- the bound, derived ---------------------------------------------------------------------------------------------
 
 _FRACTION = sp.Symbol("q", real=True)  # Td/Tb
 _SIDE = sp.Symbol("side", real=True)  # sgn s, 1 or -1
@@ -226,8 +213,7 @@ _PARAMETERS = (_SIDE, _FRACTION, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
 def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
     """Return s', m/s^2, under the law [Park2008] (45), without the term theta_tilde' phi_hat.
 
-    `share` is the ratio of acting to commanded torque; phi_hat = (Ta_hat, omega). The adaptation cancels the term in
-    V'. Without adaptation theta_hat = theta, and the term is 0.
+    `share` is the ratio of acting to commanded torque; phi_hat = (Ta_hat, omega).
     """
     estimates = (plant.Ta * (1 + _ERRORS[0]), plant.v_rate * (1 + _ERRORS[1]))
     seen = dict(zip((plant.Ta, plant.v_rate), estimates, strict=True))
@@ -245,11 +231,9 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
 
 @cache
 def required_gain() -> Callable[..., Any]:
-    """Return a function that computes the K, N*m, that (40) requires at a point: with this K, s' is 0 at s = 0.
+    """Return a function of `BOX_VARIABLES` and `_PARAMETERS`: the K, N*m, with which `effective_rate` is 0 at s = 0.
 
-    s' is that of `effective_rate`, with Td = q Tb, and s approaches 0 from above (`side` 1) or from below (-1). The
-    function takes `BOX_VARIABLES`, then `_PARAMETERS`. ArithmeticError if K is not affine in each of the variables,
-    which a change of the plant could cause.
+    ArithmeticError if K is not affine in each of the variables.
     """
     rate = effective_rate(derive(), 1 + _FRACTION)
     approach = sp.expand(_SIDE * rate.subs(sp.sign(_s), _SIDE).subs(_s, 0)).subs(_SIDE**2, 1)
@@ -269,15 +253,11 @@ def required_gain() -> Callable[..., Any]:
 
 
 def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW.rho) -> float:
-    """Return the least K, N*m, >= 0, above which the reaching condition (40) holds over the box for every s.
-
-    With a smaller K it fails at a corner of the box. The law's nominal parameters are those of the vehicle.
-    """
+    """Return the least K, N*m, >= 0, above which the reaching condition (40) holds over the box for every s."""
     return max(0.0, float(np.max(_at_corners(vehicle, box, rho))))
 
 
 def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.rho) -> Any:
-    """Return the K, N*m, that (40) requires at each corner of the box, in a fixed order."""
     random = (-box.random_torque, box.random_torque)
     axes = (random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
     errors, sides = (box.torque_error, box.rate_error, box.inertia_error), ((-1.0, 1.0), box.share)
@@ -293,15 +273,12 @@ def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.r
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:
-    """Return the least |s|, m/s, at which D |s| (D > 0) compensates for a K, N*m, that is too small; 0 if K is not."""
+    """Return the least |s|, m/s, at which D |s| (D > 0) makes up for a K, N*m, below the least; 0 if K suffices."""
     return max(0.0, least_gain(vehicle, box) - K) / D
 
 
 def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> float:
-    """Return the time, s, in which s falls from `start` (m/s) to 0 without disturbances; inf for K = 0.
-
-    It is ln(1 + D |start|/K)/D0 with D0 = (r/J) D.
-    """
+    """Return the time, s, in which s falls from `start` (m/s) to 0 without disturbances; inf for K = 0."""
     if K == 0.0:
         return math.inf
     return math.log1p(D * abs(start) / K) * vehicle.effective_inertia / (vehicle.wheel.radius * D)
@@ -310,11 +287,8 @@ def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> floa
 def tolerated_error(
     vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
 ) -> float:
-    """Return the largest relative error `name` for which K (N*m) satisfies (40) over the box.
-
-    The error that `name` does not name has its range in the box. The result is 0 if K is too small even without the
-    error `name`. It is exact, because the K that (40) requires is affine in the error.
-    """
+    """Return the largest relative error `name` for which K (N*m) satisfies (40) over the box; 0 if none."""
+    # exact, because the K that (40) requires is affine in the error
     errors: tuple[dict[str, Any], ...] = ({name: (0.0, 0.0)}, {name: (-1.0, 1.0)})
     exact, wrong = (_at_corners(vehicle, replace(box, **error)) for error in errors)
     if np.max(exact) >= K:
@@ -335,10 +309,7 @@ _RANDOM_POINTS, _STARTS = 20_000, 2  # random points, and best points from which
 
 @dataclass(frozen=True)
 class WorstPoint:
-    """Result of `search`: the largest s s'/|s| (`excess`, m/s^2), its point, and the number of evaluations.
-
-    The reaching condition holds at all points of the search if `excess` is negative.
-    """
+    """Result of `search`: the largest s s'/|s| (`excess`, m/s^2), its point, and the number of evaluations."""
 
     excess: float
     point: tuple[float, ...]
@@ -353,8 +324,6 @@ def approach(
     - points: (12, n), the coordinates `SEARCHED` of n points.
     - surface: |s|, m/s. s does not depend on e, because the integral of e may have any value.
     - limits: lower and upper limit of the command, N*m.
-
-    The law's other nominal parameters are those of the vehicle.
     """
     v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
     functions, parameters = bristle_plant(vehicle)
@@ -376,8 +345,7 @@ def approach(
 def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
     """Search for the largest s s'/|s| as s -> 0 at corners and random points of the box, then by L-BFGS-B.
 
-    The resistance follows from the speed, and `box.torque_limits` limits the command. With `known_mass=True`
-    theta_hat1 is the true theta1 of each point; otherwise it has the range in the box.
+    With `known_mass=True` theta_hat1 is the true theta1 of each point; otherwise it has the range in the box.
     """
     from scipy.optimize import minimize
 
@@ -405,10 +373,7 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, kn
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:
-    """Return points of the box, (12, n), with the coordinates `SEARCHED`; Ta and Tr grow with the mass.
-
-    - shares: (12, n), ratios; 0 is the lower and 1 the upper end of the range of a coordinate.
-    """
+    """Return points of the box, (12, n); `shares`, (12, n), are 0 at the lower and 1 at the upper end of a range."""
     random = (-box.random_torque, box.random_torque)
     known = (box.theta_hat1, box.theta_hat2, box.torque_error, box.rate_error, box.inertia_error)
     sides = (box.speed, box.slip, box.adhesion_torque, box.mass, random, box.share, *known, (-1.0, 1.0))

@@ -17,8 +17,7 @@ With an ideal actuator and Q_m = Q the adhesion cancels: W = (r/J)/(s + (r/J) D)
 Q (1 - Ga) remains in the loop: the feed-forward is delayed, so it does not cancel the wheel's unstable pole.
 
 A relay gain N acts like D. Adaptation theta_hat' = k s phi ([Park2008] (49)) with a constant phi adds (J/r) w int s dt
-to the torque, w = k (Ta^2 + 12.96 omega^2) in SI. With an ideal actuator s'' + (r/J) D s' + w s = 0, an oscillator
-damped by D only. With the actuator the integral path adds more phase lag than the loop tolerates.
+to the torque, w = k (Ta^2 + 12.96 omega^2) in SI.
 """
 
 from __future__ import annotations
@@ -48,10 +47,9 @@ _TOLERANCE = 1e-9  # relative tolerance of the bisection, far above the rounding
 
 
 def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
-    """Return the upper end of the first range of gains above `start` (> 0) in which `stable` holds, to 1e-9.
+    """Return the upper end of the first range of gains above `start` (> 0) in which `stable` is true.
 
-    The result is 0 if `stable` holds for no gain, and inf if the range reaches 1e6 `start`. Gains are tried in steps of
-    20 %, so that a narrower range may be missed.
+    The result is 0 without such a range, and inf if it reaches 1e6 `start`. A range below 20 % may be missed.
     """
     gains = [start * _RATIO**n for n in range(_STEPS)]
     first = next((n for n, gain in enumerate(gains) if stable(gain)), None)
@@ -83,7 +81,6 @@ class SurfaceLoop:
             raise InputError("plant: the train speed is a state; linearise at constant speed (speed_state=False)")
 
     def with_gains(self, **changes: Any) -> SurfaceLoop:
-        """Return the loop with some of its gains changed."""
         return replace(self, gains=replace(self.gains, **changes))
 
     @property
@@ -102,15 +99,14 @@ class SurfaceLoop:
 
     @cached_property
     def _wheel(self) -> tuple[Floats, Floats]:
-        """Monic numerator and denominator of the transfer function from torque to sigma."""
+        # monic numerator and denominator of the transfer function from torque to sigma
         numerator, denominator = self.plant.transfer_function()
         return np.atleast_1d(numerator / self.plant.gain), denominator
 
     def controller(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> Rational:
         """Return the controller C(s) from -sigma to the commanded torque, N*m/(m/s).
 
-        `relay_gain` (N*m/(m/s)) replaces the relay (describing function, or K/layer). `adaptation` is k as printed; its
-        linear part about s = 0 with a constant regressor is (J/r) k (Ta^2 + 12.96 omega^2) int s dt.
+        `relay_gain` (N*m/(m/s)) replaces the relay (describing function, or K/layer); `adaptation` is k as printed.
         """
         zeros, poles = self._wheel
         inertia, rho = 1.0 / self.plant.gain, self.gains.rho  # J/r
@@ -144,8 +140,8 @@ class SurfaceLoop:
     def sliding_existence(self) -> dict[str, Any]:
         """Decide whether an ideal sliding mode on s = 0 exists ([Utkin1992]); return verdict and reasons by name.
 
-        W is the transfer function from the torque of the relay to -s. The mode exists only if W has relative degree 1
-        and no dead time, because only then a switch of the relay reverses s' at once.
+        W is the transfer function from the torque of the relay to -s. Only if W has relative degree 1 and no dead time,
+        a switch of the relay reverses s' at once.
 
         - exists: True if the mode exists.
         - relative_degree: number of poles minus number of zeros of W without its dead time.
@@ -159,8 +155,5 @@ class SurfaceLoop:
 
     @cached_property
     def largest_relay_gain(self) -> float:
-        """Largest stable relay gain, N*m/(m/s); inf if every gain is stable, 0 if no gain is stable.
-
-        With a boundary layer whose half width exceeds K divided by this gain, the loop does not oscillate.
-        """
+        """Largest stable relay gain, N*m/(m/s); inf if every gain is stable, 0 if no gain is stable."""
         return stable_up_to(lambda gain: self.is_stable(relay_gain=gain), SLOWEST / self.plant.gain)

@@ -67,7 +67,6 @@ def effective_disturbance() -> sp.Expr:
 
 
 def _error_rate(made: Derivation) -> sp.Expr:
-    """Return s' as a function of theta_tilde, h and the symbol d, which stands for `effective_disturbance`."""
     effective_disturbance()  # raises ArithmeticError if s' does not have this form
     ideal = made.error_dynamics - made.disturbance_perturbed
     known = ideal.subs(dict.fromkeys(TILDE, 0))
@@ -75,17 +74,13 @@ def _error_rate(made: Derivation) -> sp.Expr:
 
 
 def _lyapunov_rate(made: Derivation, error_rate: sp.Expr) -> sp.Expr:
-    """Return V' with the matrix gain for an `error_rate` s' and any theta_hat'; theta is constant."""
     rate = sp.diff(made.V_matrix, s) * error_rate
     return rate - sum(sp.diff(made.V_matrix, a) * b for a, b in zip(TILDE, RATE, strict=True))
 
 
 @cache
 def boundary_layer_proved() -> bool:
-    """Prove for sat(s/Phi) and known theta: |s| falls to d_max/(D0 + K0/Phi) if d_max <= K0 + D0 Phi.
-
-    Above the layer s'/h < 0. In the layer, where s exceeds the bound by x, s'/h <= -(D0 + K0/Phi) x.
-    """
+    """Prove for sat(s/Phi) and known theta that |s| falls to d_max/(D0 + K0/Phi) if d_max <= K0 + D0 Phi."""
     known = _error_rate(derive()).subs(dict.fromkeys(TILDE, 0))
     inside = known.subs(sp.sign(s), s / LAYER)
     bound = sp.solve(inside.subs(d, d_max), s)[0]
@@ -101,10 +96,7 @@ def boundary_layer_proved() -> bool:
 
 @cache
 def dead_zone_proved() -> bool:
-    """Prove for the dead zone that V' <= -h D0 s_D^2 with s_D = s - Phi sat(s/Phi), so that |s| falls to Phi.
-
-    In V, s_D replaces s, and theta_hat_i' = k_i s_D phi_i. Inside the layer s_D = 0, theta_hat is constant and V' = 0.
-    """
+    """Prove V' <= -h D0 s_D^2 for the dead zone; s_D = s - Phi sat(s/Phi) replaces s in V and in the adaptation."""
     made = derive()
     above = _error_rate(made).subs(sp.sign(s), 1)
     # s > Phi, with s_D = x; s < -Phi follows by symmetry
@@ -120,7 +112,7 @@ def dead_zone_proved() -> bool:
 
 @cache
 def projection_proved() -> bool:
-    """Prove for projection to a box with theta inside: the cross term of V' is 0 inside and <= 0 on a face."""
+    """Prove for projection to a box that contains theta that the cross term of V' is 0 inside and <= 0 on a face."""
     made = derive()
     rate = sp.expand(_lyapunov_rate(made, _error_rate(made)))
     cross = sp.expand(rate - rate.subs(dict.fromkeys(TILDE, 0)))
@@ -141,8 +133,7 @@ def projection_proved() -> bool:
 def leak_proved() -> bool:
     """Prove V' <= -c V + ell V_theta with c = min(2 h D0, ell), for K0 >= d_max and an adaptation with leak ell.
 
-    D0 = (r/J) D, K0 = (r/J) K, theta_hat_i' = k_i s phi_i - ell theta_hat_i and V_theta = sum theta_i^2/(2 k_i).
-    Therefore V falls to ell V_theta/c, where c is computed with the smallest h.
+    theta_hat_i' = k_i s phi_i - ell theta_hat_i, V_theta = sum theta_i^2/(2 k_i), D0 = (r/J) D and K0 = (r/J) K.
     """
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made))
@@ -181,11 +172,7 @@ def gain_units() -> tuple[str, str]:
 
 
 def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
-    """Return the box of the published run, with errors of estimates, brake gain and J, for which K is designed.
-
-    The random force is bounded at `SIGMAS` standard deviations, and theta_hat is in `parameter_box`. The torque has no
-    limits.
-    """
+    """Return the box of the published run, with errors of estimates, brake gain and J, for which K is designed."""
     first, second = parameter_box(vehicle)
     wrong = (-ESTIMATE_ERROR, ESTIMATE_ERROR)
     box = reaching.operating_set(vehicle, sigmas=SIGMAS)
@@ -211,11 +198,8 @@ def dead_zone_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUB
 
 
 def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
-    """Return gains with relay and leak; K, N*m, by default `GAIN_MARGIN` times the gain of `leak_bound`.
-
-    The leak is ell = 2 h D0 with the smallest h. With a smaller leak the bound decays more slowly, with a larger leak
-    not faster.
-    """
+    """Return gains with relay and leak; K, N*m, by default `GAIN_MARGIN` times the gain of `leak_bound`."""
+    # with a smaller leak the bound decays more slowly, with a larger leak not faster
     leaking = replace(PUBLISHED_LAW, D=D, leak=slowest_rate(vehicle, D))
     return replace(leaking, K=GAIN_MARGIN * leak_bound(vehicle, leaking)["gain"] if K is None else K)
 
@@ -231,10 +215,7 @@ def least_share() -> float:
 
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ranges of theta1 and theta2, with a margin, over the masses and B.
-
-    The mass ranges from empty to loaded, B from its nominal value to `LOWEST_FRICTION`.
-    """
+    """Return ranges of theta1 and theta2, with a margin: empty to loaded, B from nominal to `LOWEST_FRICTION`."""
     first, second = (
         (min(0.0, corner) - _BOX_MARGIN * abs(corner), max(0.0, corner) + _BOX_MARGIN * abs(corner))
         for corner in farthest_theta(vehicle).tolist()
@@ -254,7 +235,7 @@ _BOUND_TOLERANCE = 0.01  #: accepted relative excess over a bound: a sampled rel
 
 
 def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int) -> tuple[Condition, ...]:
-    """Decide all conditions of the robust variants; K, N m, is by default that of each design; D in N m/(m/s)."""
+    """Decide whether the conditions of the robust variants hold; K, N*m, by default of each design; D, N*m/(m/s)."""
     gains, leaking = dead_zone_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
     largest, bound = effective_torque(vehicle), leak_bound(vehicle, leaking)
     seeds, size = tuple(range(seed, seed + RUNS)), gains.layer
@@ -284,12 +265,11 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
 
 
 def _down_to_5_kmh(name: str, holds: bool, how: str, numbers: dict[str, Any], **more: Any) -> Condition:
-    """Return a condition over the published run; if it holds, its field `down_to_kmh` is 5 km/h."""
     return Condition(name, holds, how, numbers, down_to_kmh=reaching.LOWEST_SPEED_KMH if holds else None, **more)
 
 
 def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
-    """Decide the reaching condition (40) over `robust_set`; find the largest errors of Ta_hat and v'_hat for this K."""
+    """Decide whether (40) holds over `robust_set`; find the largest errors of Ta_hat and v'_hat for this K."""
     box = robust_set(vehicle)
     exact = replace(box, torque_error=(0.0, 0.0), rate_error=(0.0, 0.0))
     tolerated = {
@@ -301,10 +281,6 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
 
 
 def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool) -> Condition:
-    """Search `robust_set` for a point of the plant with s s' >= 0; the condition holds if none is found.
-
-    `limited=True` limits the torque to 0 .. full brake torque.
-    """
     box = robust_set(vehicle)
     if limited:
         box = replace(box, torque_limits=(0.0, full_brake_torque(vehicle)))
@@ -315,7 +291,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool)
 
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Decide the reaching condition (40) if Ta_hat is computed for the wrong rail: dry for wet, or wet for dry."""
+    """Decide whether (40) holds if Ta_hat is computed for the wrong rail: dry for wet, or wet for dry."""
     box = robust_set(vehicle)
     on_wet, on_dry = (reaching.vanishing_slip_torque(vehicle, rail) for rail in (Rail.WET, Rail.DRY))
     wet = on_wet / on_dry
@@ -350,11 +326,7 @@ def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
 
 
 def _in_the_layer(run: IdealRun, gains: LawGains, bound: float, largest: float) -> tuple[bool, dict[str, Any]]:
-    """Check that |s| falls below the bound, m/s, and stays there, and that the disturbance is at most `largest`, N*m.
-
-    Returns the verdict and numbers: `reached`, the time, s, at which |s| has fallen below the bound in all runs (inf if
-    it has not in some run); `highest`, the largest |s| afterwards, m/s; `disturbed`, the largest disturbance, N*m.
-    """
+    """Check that |s| falls below `bound` in all runs and stays there, with a disturbance of at most `largest`, N*m."""
     size, disturbed = np.abs(run.s), largest_disturbance(run, gains)
     first, reached, highest = np.argmax(size <= bound, axis=0), math.inf, gains.layer
     if np.all(np.any(size <= bound, axis=0)):
@@ -365,12 +337,10 @@ def _in_the_layer(run: IdealRun, gains: LawGains, bound: float, largest: float) 
 
 
 def _unknown_load_run(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> IdealRun:
-    """Simulate disturbed stops of a loaded vehicle, while the law assumes the empty one."""
     return simulate_ideal(vehicle.loaded(), gains, nominal=vehicle, duration=_DURATION, disturbed=True, seeds=seeds)
 
 
 def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
-    """Decide by simulation whether V (with s_D) never rises and |s| and theta_hat stay in the layer and in the box."""
     run = _unknown_load_run(vehicle, gains, seeds)
     V = run.V - 0.5 * run.s**2 + 0.5 * np.maximum(np.abs(run.s) - gains.layer, 0.0) ** 2
     rise = float(np.nanmax(V - np.fmin.accumulate(V, axis=0))) / float(V[0, 0])
@@ -395,8 +365,6 @@ def leak_bound(vehicle: Vehicle, gains: LawGains) -> dict[str, float]:
     - start: V(0) of free rolling at 100 km/h with theta_hat = 0, m^2/s^2.
     - surface: |s| for V = level, m/s.
     - gain: least K of (40), N*m, over the set V <= max(V(0), level); with a larger K this set is invariant.
-
-    The bound is computed with the theta of `farthest_theta`.
     """
     theta = farthest_theta(vehicle)
     k = (gains.k1, gains.k2)

@@ -13,8 +13,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 
 RULE = "relative degree"  #: method: a delay, or a relative degree above 1 from the relay to s, excludes a sliding mode
-CORNERS = "checked at the corners"
-"""Method: the bound is affine in each quantity (proved with SymPy), and evaluated in floats at the box's corners."""
+CORNERS = "checked at the corners"  #: method: the bound is affine in each quantity, so its maximum is at a corner
 
 
 def checked_at(points: int) -> str:
@@ -85,21 +84,18 @@ class Verification:
 
     @property
     def all_hold(self) -> bool:
-        """True if every condition holds; an undecided condition does not count as holding."""
+        """True if every condition was decided and holds."""
         return all(one.holds for one in self.conditions)
 
     @property
     def failing(self) -> tuple[Condition, ...]:
-        """Conditions that do not hold."""
         return tuple(one for one in self.conditions if one.holds is False)
 
     @property
     def undecided(self) -> tuple[Condition, ...]:
-        """Conditions that were not decided."""
         return tuple(one for one in self.conditions if one.holds is None)
 
     def __getitem__(self, name: str) -> Condition:
-        """Return the condition with a name; KeyError for an unknown name."""
         return {one.name: one for one in self.conditions}[name]
 
 
