@@ -99,7 +99,7 @@ class Workbench:
     def hardest(self, control: Controller, points: EnvelopePoints, from_kmh: float) -> int:
         """Return the index of the plant that is hardest to control, at or above a speed, km/h."""
         if not isinstance(control, LinearControl) or getattr(control.system, "period", None) is not None:
-            return self.of_points(points, ("fastest", from_kmh), lambda cases: fastest(cases, from_kmh))
+            return int(self.of_points(points, ("fastest", from_kmh), lambda cases: fastest(cases, from_kmh)))
         screen: Screen = self.of_points(points, "screen", Screen.of)
         return screen.hardest(control.system, from_kmh)
 
