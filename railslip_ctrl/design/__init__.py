@@ -1,7 +1,21 @@
 """Design and judgement of slip controllers.
 
-`envelope` has the operating points that a design must stabilise, and `judging` the verdict over them. `tuning`,
-`envelope_tuning` and `schedule` find gains; `stabilizing` computes all gains that stabilise.
+Imports `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `envelope` and `judging`: the operating points
+that a design must stabilise, and one verdict over them.
+
+- `assessment`: margins, limits and verdict of one loop at one operating point
+- `envelope`: operating points and tolerances for a design
+- `judging`: margins of every case of an envelope, and one verdict
+- `specification`: margins that a design must have, and the margins of many plants with one controller
+- `tuning`: PI gains from a specification, by hand, or by published rules; `tuning_search` searches the gains
+- `envelope_tuning`: a controller tuned over an envelope, and the best of several structures
+- `schedule`: gains over speed and rail, lowest speeds, sweeps of margins
+- `stabilizing`: all gains that stabilise, their outline and margins; `decomposition` computes their boundaries
+- `gain_map`: map of the gains with Ms below a level at every operating point
+- `workbench`: controllers shaped by hand over an envelope
+- `limits`: bounds for any controller, and the control effort of one
+- `compensators`: Smith predictors and the predictor-observer
+- `catalogue`: the controllers that come with the package, by name
 """
 
 from railslip_ctrl.controllers.systems import (

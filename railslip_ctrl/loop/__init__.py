@@ -1,7 +1,11 @@
-"""SISO feedback loops with exact dead time: stability, margins, certificates and time responses.
+"""Feedback loops with exact dead time: root count, margins, certificates, time responses.
 
-Begin with `DeadTimeLoop(system, dead_time)` and its method `margins()`. Loops with a discrete controller are in
-`sampled`; loops whose controller contains delays are in `quasi`.
+The package is for any SISO loop, not only for slip control, and imports only `core`. Begin with `deadtime`:
+`DeadTimeLoop(system, dead_time)` and its `margins()`. It uses `rational` (transfer functions, their exact polynomials
+and realisations), `crossings` (frequencies with |L| = 1 or L < 0), `stability` (root count, rightmost poles),
+`margins`, `certificate` (enclosures by ball arithmetic) and `responses` (time responses). `batch` computes the margins
+of many dead-time loops at once. Two other kinds of loop get their margins from bounds on ln L (`bounded`): `sampled`
+has discrete controllers; `quasi` has controllers with internal delays, and `quasi_batch` many of them at once.
 """
 
 from .certificate import Certificate, CertificateError

@@ -1,4 +1,8 @@
-"""Comparison of [Park2008] with our results: tables, units and errata.
+"""Comparison with [Park2008]: its tables, the interpretation of its units that reproduces Table 5, its errata.
 
-Begin with `tables.table5`. `reading` contains the assumptions on units and details that reproduce Table 5.
+Imports `verification`, `simulation`, `design`, `sliding`, `model` and `core`. Begin with `tables.table5`.
+
+- `tables`: runs the four columns of Table 5, draws the adhesion curves, and finds further facts of the runs.
+- `reading`: the choices of units and of other interpretations that reproduce Table 5, and the effect of each.
+- `errata`: compares `printed`, the source's equations and numbers, with the derivation.
 """
