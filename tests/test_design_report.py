@@ -26,6 +26,7 @@ from railslip_ctrl import (
     judge,
     linearize,
     load_controller,
+    load_envelope,
     load_vehicle,
     operating_point,
 )
@@ -442,6 +443,15 @@ def test_speeds_follow_from_the_vehicle_s_limit(limit):
     made = [stop_scenario(envelope, blank.points, name, "empty", "wet") for name in laws_of_stops(blank)]
     assert {round(one.initial_speed * 3.6, 6) for one in made} == {limit}
     assert Envelope(car, speeds=(20, 60)).speeds == (20.0, 60.0)
+
+
+def test_the_speed_limit_of_a_vehicle_file_counts_with_and_without_its_table_of_the_envelope(tmp_path):
+    path = tmp_path / "car.toml"
+    path.write_text('name = "Car"\nmass = 3517.0\nspeed_limit = "160 km/h"\n[envelope]\nloads = ["empty"]\n', "utf-8")
+    envelope = load_envelope(path)
+    assert (max(envelope.speeds), envelope.initial_speed, envelope.loads) == (160.0, 160.0, ("empty",))
+    railtoolkit = load_envelope(ROOT / "designs/vehicles/siemens_desiro_classic.yaml")
+    assert (max(railtoolkit.speeds), railtoolkit.initial_speed) == (120.0, 120.0)
 
 
 def test_where_none_qualifies_the_least_bad_is_told_with_the_reason_and_what_was_tried(robust):

@@ -100,10 +100,7 @@ class Envelope(Record):
         car = values.setdefault("vehicle", vehicle)
         if isinstance(car, (str, Path)):
             raise InputError(f"Envelope: vehicle: {shown(str(car))} is not a Vehicle; read the file with load_vehicle")
-        own = json.loads(car.envelope) if isinstance(car, Vehicle) else {}
-        if isinstance(car, Vehicle) and car.speed_limit is not None and "speeds" not in own:
-            limit = round(car.speed_limit / KMH, 6)
-            own = {"speeds": tuple(round(share * limit, 6) for share in _SPEED_SHARES), "initial_speed": limit} | own
+        own = _up_to_speed_limit(json.loads(car.envelope), car) if isinstance(car, Vehicle) else {}
         super().__init__(**{**own, **values})
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # as in `Record`
@@ -264,7 +261,15 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     if "vehicle" in table:
         raise InputError(f"{where}: envelope.vehicle: unknown key; write the vehicle's keys before [envelope]")
     table = with_laws_beside(table, path)
-    return validated(Envelope, {**table, "vehicle": car}, f"{where}: envelope")
+    return validated(Envelope, {**_up_to_speed_limit(table, car), "vehicle": car}, f"{where}: envelope")
+
+
+def _up_to_speed_limit(table: dict[str, Any], vehicle: Vehicle) -> dict[str, Any]:
+    """Return the table of an envelope; speeds that it does not give follow from the vehicle's speed limit, if any."""
+    if vehicle.speed_limit is None or "speeds" in table:
+        return table
+    limit = round(vehicle.speed_limit / KMH, 6)
+    return {"speeds": tuple(round(share * limit, 6) for share in _SPEED_SHARES), "initial_speed": limit, **table}
 
 
 @dataclass(frozen=True)
