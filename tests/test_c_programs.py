@@ -297,7 +297,7 @@ def test_a_bad_sample_leaves_no_trace_in_slide_protection_without_its_guard():
 def test_without_an_adhesion_law_or_with_a_step_alone_there_is_no_program():
     with pytest.raises(InputError, match=r"controller asmc: the adhesion law .* is missing"):
         c_program(controller_named("asmc", PARK2008), PARK2008)
-    with pytest.raises(InputError, match="Python object or function with a step"):
+    with pytest.raises(InputError, match="Python object or function"):
         save_c(lambda t, v, omega: 0.0, "x.c")
 
 

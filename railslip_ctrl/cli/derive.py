@@ -70,9 +70,9 @@ def command(
 ) -> None:
     """Derive the sliding-mode law from the plant and check each step by machine.
 
-    For the published law, also prints the errata of the paper. The law is symbolic. If --adhesion is a file, the law is
-    also printed with the numbers of this file. --format c or python prints only the generated code. Exit status 0, or 2
-    for bad input.
+    For the published law, the command also prints the errata of the paper. The law is printed with symbols and, if
+    --adhesion is a file, also with the numbers of this file. --format c or python prints only the generated code. Exit
+    status 0, or 2 for bad input.
 
     Example: railslip derive --adhesion bristle --format latex --out derivation.tex
     """

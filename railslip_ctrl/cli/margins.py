@@ -111,10 +111,10 @@ def command(
 def given_controller(
     text: str, point: OperatingPoint, gains: PIGains | None, reference: ReferenceSlip | None = None
 ) -> Any:
-    """Return the controller that `text`, the value of --controller, names.
+    """Return the controller given by `text`, the value of --controller.
 
-    A controller without a reference slip gets `reference`. If that is None, it gets the reference slip of the adhesion
-    law, or else the slip of the operating point.
+    A controller without a reference slip gets `reference`. If `reference` is None, the controller gets the reference
+    slip of the adhesion law or, if the law has none, the slip of the operating point.
     """
     from railslip_ctrl.design.catalogue import controller_named, default_column
 

@@ -28,8 +28,7 @@ TRACKING_TIME = 2.0  #: s, of the anti-windup; from 1 to 5 s the braking distanc
 def full_brake_torque(vehicle: Vehicle) -> float:
     """Return the full brake torque of a vehicle, N*m, the default upper limit of commands.
 
-    It is `TORQUE_LIMIT` scaled in proportion to wheel load times wheel radius. The wheel load is the larger one of the
-    present and the loaded vehicle.
+    `TORQUE_LIMIT` is scaled in proportion to wheel radius times the larger of `wheel_load` and `wheel_load_loaded`.
     """
     return TORQUE_LIMIT * adhesion_share(vehicle, max(vehicle.wheel_load, vehicle.wheel_load_loaded))
 
@@ -42,9 +41,9 @@ def adhesion_share(vehicle: Vehicle, wheel_load: float) -> float:
 class LinearControl(Controller):
     """Base class of the linear controllers, whose input is the slip error e = lambda_d v - sigma, m/s.
 
-    They run as the difference equations of `sampled.SampledController`. Below `hand_over_speed` the controller commands
-    `hand_over_torque` without slip control. InputError: torque_min >= torque_max, or a period or tracking time that
-    `SampledController` does not allow.
+    `sampled.SampledController` converts the controller to difference equations. Below `hand_over_speed` the controller
+    commands `hand_over_torque` without slip control. InputError: torque_min >= torque_max, or a period or
+    tracking time that `SampledController` does not allow.
     """
 
     source: ClassVar[str] = "[Astrom1997] 8, 9"
@@ -63,7 +62,7 @@ class LinearControl(Controller):
     rule: Rule = Field(Rule.BACKWARD, description="rule that converts the system to a difference equation")
 
     class State(Record):
-        """State of the controller: the states of the difference equations, and values of the previous sample."""
+        """States of the difference equations, and slip error and torque of the previous sample."""
 
         error: float = quantity("m/s", "slip error of the previous sample", default=0.0)
         unlimited_torque: float = quantity("N*m", "torque of the previous sample, without limits", default=0.0)
@@ -138,7 +137,7 @@ class LinearControl(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the fields `given`; by default its torque is limited to 0 and the full brake."""
+        """Return the controller with the fields `given`; by default the torque is from 0 to the full brake torque."""
         return cls(**{"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), **given}).believing(vehicle)
 
 
@@ -182,7 +181,7 @@ class TransferFunction(SystemControl):
         return PolynomialController(self.num, self.den, self._own_period)
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Return the coefficients by name: b2 is that of s^2 (z^2 if discrete) in num, a2 that of s^2 in den."""
+        """Return the coefficients, named b0, b1, ... in num and a0, a1, ... in den by the power of s or z."""
         parts = {"b": self.num, "a": self.den}
         return [
             DesignNumber(f"{letter}{power}", value, "1", f"coefficient of the power {power}")
@@ -191,9 +190,9 @@ class TransferFunction(SystemControl):
         ]
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
-        """Return a transfer function with the coefficients `values`, by the names of `design_numbers`.
+        """Return a transfer function with the coefficients `values`, whose keys are the names from `design_numbers`.
 
-        Coefficients that are not in `values` are 0. `others` are new values of other fields.
+        Coefficients that are not in `values` are 0. `others` are new values of fields other than num and den.
         """
         powers: dict[str, dict[int, float]] = {"b": {}, "a": {}}
         for name, value in values.items():

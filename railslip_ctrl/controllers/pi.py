@@ -36,7 +36,7 @@ class PI(LinearControl):
         """Return the controller with the fields `given`; InfeasibleDesignError if kp or ki is not among them."""
         if not {"kp", "ki"} <= given.keys():
             raise InfeasibleDesignError(
-                f"controller {cls.kind}: no rule gives its gains for a vehicle; tune it, or give kp and ki"
+                f"controller {cls.kind}: no rule gives kp and ki for a vehicle; tune the controller, or give kp and ki"
             )
         return super().for_vehicle(vehicle, **given)
 
@@ -55,14 +55,14 @@ class PI(LinearControl):
     def compensator(cls, actuator: Actuator, lead: float | None, lead_filter: float | None) -> PIController:
         """Return the transfer function of lead and filter, which stays fixed while kp and ki are tuned.
 
-        `lead` and `lead_filter` are time constants, s. None means 0, or for a PI-lead the lag of the `actuator` (lead)
-        and `FILTER_RATIO` times the lead (filter).
+        `lead` and `lead_filter` are time constants, s; None means 0. For a PI-lead, None means the lag of the
+        `actuator` for the lead, and `FILTER_RATIO` times the lead for the filter.
         """
         return PIController(PIGains(kp=1.0, ki=0.0), lead or 0.0, lead_filter or 0.0)
 
 
 class PILead(PI):
-    """PI with a lead; tuning sets the lead to the brake's lag, and its filter to a tenth of this time constant."""
+    """PI with a lead; by default, tuning sets the lead to the brake's lag and the filter to a tenth of this lag."""
 
     kind: ClassVar[str] = "pi-lead"
     title: ClassVar[str] = "PI with a lead on the actuator's lag"
@@ -77,7 +77,7 @@ class PILead(PI):
 
 
 class PID(PILead):
-    """PID in series form: a PI-lead for which tuning also searches the lead, the derivative time."""
+    """PID in series form: a PI-lead for which tuning also searches the lead (the derivative time)."""
 
     kind: ClassVar[str] = "pid"
     title: ClassVar[str] = "PID in series form"

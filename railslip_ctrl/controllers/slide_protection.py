@@ -106,11 +106,11 @@ class SlideProtection(Controller):
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
         """Return the controller with thresholds and rates for a vehicle.
 
-        The brake reacts to a slide after its dead time plus its lag. In this time a filling valve raises the torque by
-        0.05 N r, which the adhesion of a very slippery rail can transmit, and a dumping valve lowers it by 0.8 N r. N
-        is the wheel load. `dump_deceleration` is the sum of two decelerations: that of the train on the best rail
-        (0.35 g), and that of the rim by a random force of 0.0125 N ([Park2008] p. 55), which is 0.0125 N r^2/J. The
-        filter attenuates oscillations of the wheel speed that are not slides.
+        The brake reacts to a slide after its dead time plus its lag. In this time, filling raises the torque by 0.05
+        times wheel load times radius, which the adhesion of a very slippery rail can transmit. Dumping lowers the
+        torque by 0.8 times wheel load times radius. `dump_deceleration` is the sum of the train's deceleration on the
+        best rail (0.35 g) and the deceleration of the rim by a random force of 0.0125 times the wheel load ([Park2008]
+        p. 55). The filter attenuates oscillations of the wheel speed that are not slides.
         """
         wheel, actuator = vehicle.wheel, vehicle.actuator
         time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default

@@ -17,8 +17,8 @@ from .base import Controller
 class TorqueProfile(Controller):
     """Open-loop torque over time, linear between the given points, and constant before the first and after the last.
 
-    `reference` is optional and used only to judge the slip. InputError: empty lists, lists of different lengths, or a
-    time that is not later than the time before it.
+    `reference` is optional and used only to judge the slip. InputError: empty lists, lists of different lengths, or
+    times that do not increase.
     """
 
     kind: ClassVar[str] = "torque-profile"

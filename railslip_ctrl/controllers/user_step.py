@@ -1,7 +1,7 @@
-"""Controllers whose control law is a user's object or function, in Python or compiled by Numba.
+"""Controllers whose control law (step) is a user's object or function, in Python or compiled by Numba.
 
-The simulation calls this function, the step, by its address once a sample, so that it is not compiled again for another
-step.
+The compiled simulation calls the step by its memory address, once a sample. The same compiled simulation is therefore
+used for all steps.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ ADDRESS = 1  #: index of the step's address among the controller's numbers in a 
 
 
 class UserStep:
-    """A user's control law: a function, in Python or compiled by Numba, or an object with a step(t, v, omega)."""
+    """A user's control law: a Python or Numba function, or an object with a method `step(t, v, omega)`."""
 
     def __init__(self, thing: Any) -> None:
         self.thing = thing
@@ -93,11 +93,11 @@ class StepControl(Controller):
     """Controller whose control law is a user's Python object or function.
 
     - thing: a function step(t, v, omega), in Python or compiled by Numba, or an object with the method `step(t, v,
-      omega)`. It returns the torque (N*m) for time (s), train speed (m/s) and wheel speed (rad/s). Each run copies the
-      object and calls its method `reset(t, v, omega)`, if it has one, before the first sample. An object that cannot be
-      copied needs `reset`.
-    - start_numbers: initial state of a function step(t, v, omega, x), 1-D, in any units; the function updates the array
-      x.
+      omega)`. t is the time, s, v the train speed, m/s, omega the wheel speed, rad/s; the result is the torque, N*m.
+      Each run copies the object and, before the first sample, calls the object's method `reset(t, v, omega)` if it has
+      one. An object that cannot be copied needs `reset`.
+    - start_numbers: initial values, 1-D, in any units, of the state array x of a function step(t, v, omega, x), which
+      updates x.
 
     `reference` is used only to judge the slip. InputError if `thing` has no step that can be called.
     """
@@ -134,8 +134,8 @@ class StepControl(Controller):
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
         raise InputError(
-            f"controller {self.label}: a Python object or function with a step cannot be exported; write it as a "
-            "class derived from Controller"
+            f"controller {self.label}: a controller given as a Python object or function cannot be exported; "
+            "write a class derived from Controller"
         )
 
     def source_text(self) -> str:
@@ -156,11 +156,11 @@ def command({", ".join(ARGUMENTS)}):
         return self.label
 
     def opened(self, v: float, omega: float) -> PythonCall | NumbaCall:
-        """Return the step, prepared for one run that begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
+        """Prepare the step for one run, which begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
         return NumbaCall(self) if self.thing.is_numba else PythonCall(self, v, omega)
 
     def refused(self, torque: Any, t: float) -> InputError:
-        """Return the InputError for a torque, returned by the step at time t, s, that is not a finite number."""
+        """Return the InputError for an invalid `torque` (N*m) that the step returned at time t, s."""
         return InputError(
             f"controller {self.label}: {place_of(self.thing.function)}step gives {shown(torque)} at t = {t:g} s; "
             "return a finite torque (N*m)"
@@ -212,8 +212,8 @@ class PythonCall:
             if not hasattr(step.thing, "reset"):
                 reason = " ".join(str(error).split())
                 raise InputError(
-                    f"controller {self._control.label}: the object cannot be copied for a run ({reason}), and it has "
-                    "no reset; add a method reset(t, v, omega)"
+                    f"controller {self._control.label}: the object cannot be copied for a run ({reason}) and has "
+                    "no method reset(t, v, omega); add this method"
                 ) from error
             thing = step.thing
         if hasattr(thing, "reset"):
@@ -224,7 +224,7 @@ class PythonCall:
         return thing.step  # type: ignore[no-any-return]
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise the InputError of a step that failed or returned an invalid torque at a sample."""
+        """Raise InputError if the step failed or returned an invalid torque."""
         if self._error is not None:
             error, at = self._error
             if not isinstance(error, Exception):  # KeyboardInterrupt and the like
@@ -243,7 +243,7 @@ class NumbaCall:
         self.address = int(self._compiled.address)
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise the InputError of a step that returned an invalid torque, if the run `ended` for that reason."""
+        """Raise InputError if the run `ended` because the step returned an invalid torque."""
         if not ended:
             return
         numbers = (x,) if self._count else ()

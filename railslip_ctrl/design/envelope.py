@@ -15,7 +15,7 @@ The envelope is a table of the vehicle's TOML file, or of a file of its own. Eve
     speed_scale = [1.0]                   # measured train speed over true train speed
     believed_radius = [1.0]               # radius assumed by the controller over true radius
     reference = { dry = 0.132, wet = 0.092 }    # by default the reference slips of each law
-    initial_speed = 100                   # km/h; v0 of the published laws that depend on it, at most 140
+    initial_speed = 100                   # km/h, at most 140; v0 in the parameters of the published laws
 """
 
 from __future__ import annotations
@@ -69,14 +69,14 @@ class Envelope(Record):
     wheel radius of the vehicle. Around each operating point all combinations of the factors `slip`, `dead_time`, `lag`,
     `radius`, `torque_gain`, `speed_scale` and `believed_radius` are cases with tolerances. With `speed_scale` and
     `believed_radius` the controller measures the slip with an error and keeps the true slip at a wrong value. These two
-    factors do not change the slip of a controller that searches for its slip. A published law depends on the load; a
-    law from a file has the same mu at every load. `reference` replaces the reference slip of every law.
+    factors do not change the slip of a seeking controller. The mu of a published law depends on the load; a law from a
+    file has the same mu at every load. `reference` replaces the reference slip of every law.
 
     A field that is not given has the value of the table [envelope] in the vehicle's file, or the default. The default
     speeds go up to the vehicle's speed limit, if it has one.
 
-    InputError: a list that is empty, or makes too many cases; a value of wrong type, or not finite and positive (dead
-    time and lag may be 0); an unknown law; a factor with which the reference slip would be 1 or more.
+    InputError: an empty list; too many cases; a value of wrong type; a value that is not finite and positive (dead time
+    and lag may be 0); an unknown law; a factor with which the reference slip would be 1 or more.
     """
 
     vehicle: Vehicle = Field(PARK2008, description="the quarter car with its brake")
@@ -161,7 +161,7 @@ class Envelope(Record):
     def law_speed(self) -> float:
         """Speed v0 of the published laws, km/h: the initial speed.
 
-        An initial speed equal to the vehicle's speed limit is limited to the speeds for which the laws are valid.
+        If the initial speed equals the vehicle's speed limit, it is clipped to the range for which the laws are valid.
         """
         low, high = INITIAL_SPEED_RANGE_KMH
         limit = self.vehicle.speed_limit
@@ -169,7 +169,7 @@ class Envelope(Record):
         return min(max(self.initial_speed, low), high) if follows else self.initial_speed
 
     def check_files(self) -> None:
-        """Read the law files now; InputError if a file is wrong."""
+        """Read the law files; InputError if a file is invalid."""
         self._check([law for law in self.laws if _is_file(law)])
 
     def _check(self, laws: list[Any]) -> None:
@@ -265,7 +265,7 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
 
 
 def _up_to_speed_limit(table: dict[str, Any], vehicle: Vehicle) -> dict[str, Any]:
-    """Return the table of an envelope; speeds that it does not give follow from the vehicle's speed limit, if any."""
+    """If the vehicle has a speed limit and the table has no `speeds`, add speeds up to this limit; return the table."""
     if vehicle.speed_limit is None or "speeds" in table:
         return table
     limit = round(vehicle.speed_limit / KMH, 6)
@@ -336,11 +336,11 @@ class EnvelopePoints:
 
     - plants: linearised plants; the vehicle of a plant has the load and wheel radius of the case.
     - loads, slip_factors, errors: load, slip factor and errors of each plant, as in `Case`.
-    - actuators: actuators; the first is that of the vehicle, the others have dead time and lag with tolerances.
+    - actuators: the vehicle's actuator, then actuators with other dead times and lags within the tolerances.
     - plant, actuator: (n,), indices into `plants` and `actuators` for each case.
-    - operating: (n,), whether the case is an operating point, which has all factors 1.
+    - operating: (n,), True for each case that is an operating point (all factors are 1).
     - skipped: description of each combination that has no linear plant, with the reason.
-    - made: transfer functions that `system` has computed, by plant.
+    - made: transfer functions that `system` has computed, by index of the plant.
     """
 
     vehicle: Vehicle
@@ -359,7 +359,7 @@ class EnvelopePoints:
         return int(self.plant.size)
 
     def system(self, plant: int) -> Rational:
-        """Transfer function of a plant by its index, from torque at the wheel (N*m) to slip velocity (m/s)."""
+        """Transfer function of the plant with index `plant`, from torque at the wheel (N*m) to slip velocity (m/s)."""
         if plant not in self.made:
             of = self.plants[plant]
             self.made[plant] = Rational(of.zeros, of.poles, of.gain)
@@ -376,7 +376,7 @@ class EnvelopePoints:
         return np.array(self.loads)[self.plant]
 
     def take(self, chosen: NDArray[Any]) -> EnvelopePoints:
-        """Subset of the cases, by an array of indices or (n,) flags."""
+        """Return the cases selected by `chosen`: an array of indices, or of flags, (n,)."""
         some = {name: getattr(self, name)[chosen] for name in ("plant", "actuator", "operating")}
         return replace(self, **some)
 
@@ -466,8 +466,8 @@ def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]
 def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: Envelope) -> AdhesionLaw:
     """Return a law on a rail at the wheel load of the vehicle `loaded`.
 
-    A law that is not a published one keeps the mu of the wheel load at which it was identified. This is the wheel load
-    of the empty vehicle, unless the law or its file states another.
+    A user's law has the same mu at every wheel load. Its parameters are for the wheel load that the law or its file
+    states or, by default, for that of the empty vehicle.
     """
     found_at: float | None = None
     if isinstance(law, AdhesionLaw):

@@ -3,7 +3,7 @@
 This package imports `model` and `core`; `virtual_rig` also imports `simulation`. Begin with `identify`. The other
 modules are in the order in which a log passes through them.
 
-- `identify`: fits models to a log, compares them and chooses one; the same for several logs
+- `identify`: fits models to one or several logs, compares the models and chooses one
 - `observer`: models of encoder and torque sensor; the published observer of the adhesion torque, and a Kalman filter
 - `logs`: reads a log into blocks of `Rows` in SI, and reports lines that cannot be read
 - `cleaning`: removes stray time stamps and outliers, corrects offsets and delays of columns

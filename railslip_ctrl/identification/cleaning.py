@@ -71,8 +71,8 @@ class StampFilter(RowFilter):
     """Drops rows with an outlying time stamp; raises InputError if the remaining time stamps do not increase.
 
     A time stamp out of order is an outlier if it is more than `FAR_STAMP` usual intervals away from both neighbours,
-    and if the `BESIDE` time stamps before it and after it increase without it. A long step forward is a gap, not an
-    outlier, if the later time stamps increase from there on. `name` is the name of the log in messages.
+    and if the `BESIDE` time stamps on either side increase once the outlier is removed. A long step forward is a
+    gap, not an outlier, if all later time stamps increase. `name` is the name of the log in messages.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -280,7 +280,7 @@ def corrections_note(delays: Mapping[str, float], zeros: Mapping[str, float]) ->
 
 
 def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -> None:
-    """Raise InputError if a delay (s) or a sensor offset in `zeros` (SI) is out of range or of an unknown quantity."""
+    """Raise InputError if a delay (s) or a sensor offset in `zeros` (SI) is out of range or has an unknown key."""
     known = tuple(name for name in UNITS if name != "time")
     for option, given in (("`delays`", delays), ("`zeros`", zeros)):
         for name, value in given.items():
@@ -302,8 +302,8 @@ class Alignment:
     """Subtracts sensor offsets and compensates the differences between the delays of the columns of a log.
 
     `delays`, s, and `zeros` (sensor offsets, SI) have quantities as keys; `name` is the name of the log. The wheel
-    speed is not shifted in time, because interpolation would change its noise, which a prediction-error fit needs. The
-    other columns are shifted relative to the wheel speed. InputError if the log has no column for a quantity.
+    speed is not shifted in time, because interpolation would change its noise, and a prediction-error fit needs the
+    original noise. The other columns are shifted relative to the wheel speed. InputError if a key has no column.
     """
 
     def __init__(self, delays: Mapping[str, float], zeros: Mapping[str, float], name: str) -> None:

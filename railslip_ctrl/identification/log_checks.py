@@ -85,7 +85,7 @@ class FreeRolling:
         self._stride, self._seen = 1, 0
 
     def add(self, rows: Floats) -> None:
-        """Add rows (5, k): time (s), v (m/s), omega (rad/s), torque (N*m) and load (N), later than earlier rows."""
+        """Add rows, (5, k), in order of time: time (s), v (m/s), omega (rad/s), torque (N*m) and load (N)."""
         rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _LARGEST_VALUE, axis=0)]], axis=1)
         if rows.shape[1] < 2:
             self._rows = rows
@@ -103,10 +103,10 @@ class FreeRolling:
             self._rows = part[:, count * hop :]  # beginning of the next window
 
     def _steady(self, views: Floats) -> Floats:
-        """Return seven numbers for each window of `views`, (5, windows, rows), with constant torque and slip.
+        """Return seven numbers for each window in which torque and slip are constant; `views` is (5, windows, rows).
 
-        They are the means of torque, v, omega and load, the standard error of the torque, the deceleration, and 1 if
-        omega changes within the window, else 0.
+        The numbers are the means of torque, v, omega and load, the standard error of the torque, the deceleration,
+        and 1 if omega changes within the window, else 0.
         """
         rolling = (views[1] > LOWEST_SPEED).all(axis=1) & (views[4] > 0.0).all(axis=1)
         time, v, omega, torque, load = views[:, rolling]
@@ -280,7 +280,7 @@ def _is_ratio(ratio: float, factor: float) -> bool:
 
 
 def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
-    """Message if the slip in free rolling is so large that the log cannot be used; else None."""
+    """Return a message if the slip in free rolling is so large that the log cannot be used; else None."""
     if rolling is None or abs(rolling.slip) <= MOST_FREE_SLIP:
         return None
     return _wrong_wheel(rolling, known)
@@ -300,7 +300,7 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
     """Suggest a unit of torque or load that would make the adhesion coefficient `mu` plausible; empty if none does.
 
-    `factors` are the SI values of the units in which the columns are read, by quantity.
+    `factors` maps each quantity to the SI value of the unit in which its column is read.
     """
     hints, other = [], math.nan
     for quantity, units in _UNITS.items():
@@ -335,17 +335,17 @@ _PULL_RANGE = (0.02, 1.0)  # highest brake torque over wheel load times radius; 
 
 
 def _speed_lost(record: BrakedRows) -> float:
-    """Sum of the speeds that the train loses in the runs, m/s; NaN if the sum is too small for a check."""
+    """Speed that the train loses, summed over all runs, m/s; NaN if the sum is too small for a check."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
     return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
 
 
 def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
-    """Ratio of the train's measured deceleration to that expected from the wheel's adhesion and the resistance.
+    """Ratio of the train's measured deceleration to the deceleration expected from adhesion and resistance.
 
     The adhesion follows from the wheel's equation of motion, (3) of [Park2008], and the expected deceleration from the
-    train's, (4). NaN if the train hardly slows down, or if the expected deceleration is not positive.
+    train's equation of motion, (4). NaN if the train hardly slows down or the expected deceleration is not positive.
     """
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]
@@ -363,10 +363,11 @@ def deceleration_differs(ratio: float) -> bool:
 
 
 def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, unit: float) -> str | None:
-    """Message if the time of the log seems to have another unit than assumed; else None.
+    """Return a message if the time of the log seems to have another unit than assumed; else None.
 
-    The speed lost by the train is compared with the loss expected from the brake torque of one wheel and its share of
-    the mass. `unit` is the assumed unit, s; `highest_pull` is as in `Survey`.
+    The speed lost by the train is compared with the loss expected from the brake torque of one wheel and the mass
+    of the quarter car. `highest_pull` is the largest ratio of brake torque to wheel load times radius. `unit` is the
+    assumed unit, s.
     """
     if not len(record) or not _PULL_RANGE[0] < highest_pull < _PULL_RANGE[1]:
         return None
@@ -417,7 +418,7 @@ class WheelSpeeds:
             self._square += float(angular @ angular)
 
     def findings(self, radius: float) -> Iterator[Finding]:
-        """Yield a finding if the two speeds disagree for a wheel with this radius, m."""
+        """Yield a finding if the two speeds disagree for the wheel `radius`, m."""
         ratio = self._product / (radius * self._square) if self._square > 0.0 else math.nan
         if abs(ratio - 1.0) > _OTHER_SPEED:
             yield Finding("wheel speeds", message("two wheel speeds", ratio=ratio))
@@ -444,10 +445,10 @@ class ColumnStep:
 def column_steps(
     resolution: Resolution, columns: Mapping[str, Column], radius: float, speed: float, load: float
 ) -> tuple[ColumnStep, ...]:
-    """Quantisation step of each quantised column of a log.
+    """Return the quantisation step of each quantised column of a log.
 
-    `resolution` has the steps, SI, `columns` the columns of the file, both by quantity. The wheel `radius`, m, the
-    initial `speed`, m/s, and the wheel `load`, N, give the changes of slip and mu by a step.
+    `resolution` contains the steps, SI, and `columns` the columns of the file, both by quantity. The effect of a step
+    on slip and mu is computed with wheel `radius`, m, initial `speed`, m/s, and wheel `load`, N.
     """
     shares = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
     steps = []

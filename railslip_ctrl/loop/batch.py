@@ -1,9 +1,9 @@
 """Margins of many dead-time loops at once, for maps and sweeps: `DeadTimeLoop.margins()`, vectorised over loops.
 
-Each loop is evaluated at frequencies from a factor 1e4 below to a factor 1e4 above all poles, zeros and gain crossovers
-of the asymptotes. Bounds on the second derivative of ln L prove that between these frequencies no gain crossover is
-missed, no phase crossover that limits a margin, and no peak more than 0.1 % above the reported peak. `DeadTimeLoop`
-computes the loops for which the proof fails or rounding could decide.
+Each loop is evaluated at frequencies from a factor 1e4 below to a factor 1e4 above all poles, all zeros, and the gain
+crossovers of the asymptotes. Bounds on the second derivative of ln L prove that no gain crossover between these
+frequencies is missed, that no missed phase crossover limits a margin, and that no peak is more than 0.1 % higher than
+the reported peak. `DeadTimeLoop` computes the loops for which the proof fails or rounding could decide.
 """
 
 from __future__ import annotations
@@ -282,7 +282,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
 def _undecided(
     loops: Loops, points: Points, bent: Floats, left: Indices, test: Callable[[Points, Points, Floats, Spans], Indices]
 ) -> Flags:
-    """Divide the intervals `left` repeatedly; return True for each loop with an interval that `test` still returns."""
+    """Divide the intervals `left` repeatedly; return True for each loop with intervals that `test` always selects."""
     for _ in range(_MOST_ROUNDS):
         if left.size == 0:
             break
@@ -294,7 +294,10 @@ def _undecided(
 
 
 def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[Floats, Floats]:
-    """Phase crossover of each loop with |L| nearest to 1 on one side of 1: abs(ln|L|) and frequency, rad/s."""
+    """For each loop, abs(ln|L|) and frequency, rad/s, of the phase crossover with |L| nearest to 1.
+
+    Only crossovers with |L| > 1 count if `side` is 1, and only those with |L| < 1 if `side` is -1.
+    """
     # |L| is monotone and does not cross 1 on an interval: only the crossover nearest to the end with |L| closer to 1
     # matters, and only intervals that can contain it
     first, last = levels(points)
@@ -374,7 +377,7 @@ def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequenci
 
 @dataclass(frozen=True)
 class Loops:
-    """Arrays of n loops: real and imaginary parts of m zeros and poles, (m, n), gain and dead time (s), (n,).
+    """Real and imaginary parts of the m zeros and poles of n loops, (m, n); gains and dead times (s), (n,).
 
     `sign`, (m,), is 1 for a zero and -1 for a pole.
     """
@@ -429,7 +432,7 @@ class Loops:
 
 @dataclass(frozen=True)
 class Points:
-    """Frequencies, ordered by loop (index `row`), then ascending, with ln|L|, phase and their slopes; arrays (N,).
+    """Points (frequency, ln|L|, phase, both slopes), ordered by loop (index `row`) and frequency; arrays (N,).
 
     Interval i lies between the points i and i + 1 of one loop.
     """
@@ -523,7 +526,7 @@ def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
 def located(loops: Loops, points: Points, at: Indices, function: Callable[[Points, Indices], Floats]) -> Points:
     """Return points at the zeros of `function`, one zero in each interval with an index in `at`.
 
-    `function(points, i)` gives the values at points in the intervals `at[i]`.
+    `function(points, i)` returns its values at `points`; point k lies in the interval `at[i[k]]`.
     """
     rows, all_of_them = points.row[at], np.arange(at.size)
     omega = bracketed_roots(
@@ -536,9 +539,10 @@ def located(loops: Loops, points: Points, at: Indices, function: Callable[[Point
 
 
 def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, Flags]:
-    """Divide the axis from `low` to `high`, rad/s, at the extrema of ln|L| and the phase; return points and `bends`.
+    """Divide the axis from `low` to `high`, rad/s, at the extrema of ln|L| and the phase.
 
-    The third array is True for each loop in which |L| nearly touches 1 or a gain crossover may be missed.
+    Return the points, the `bends` of their intervals, and an array that is True for each loop in which |L| nearly
+    touches 1 or a gain crossover may be missed.
     """
     points = _nodes(loops, low, high)
     at = points.changes(points.size_slope)
@@ -625,7 +629,7 @@ def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
 
 
 def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
-    """Upper bounds on |S|, |T| and |S - 1/2| on each interval, (3, N - 1); `spans` are the `ranges`."""
+    """Upper bounds on |S|, |T| and |S - 1/2| on each interval, (3, N - 1); `spans` is from `ranges`."""
     return np.where(points.row[:-1] == points.row[1:], box_bounds(spans[0], spans[1] / np.pi), 0.0)
 
 
@@ -647,9 +651,9 @@ def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most:
 
 
 def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indices) -> tuple[Points, Points, Floats]:
-    """Divide each interval in `at` into equal `parts`; return their ends as points, twice, and their `bends`.
+    """Divide each interval in `at` into as many equal parts as `parts` states; return their ends twice, and `bends`.
 
-    `row` is the index of the loop in the first result, and the number of the divided interval in the second.
+    In the first `Points`, `row` is the index of the loop; in the second, the position of the interval in `at`.
     """
     piece = np.repeat(np.arange(at.size), parts + 1)
     step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]

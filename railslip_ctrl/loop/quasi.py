@@ -39,8 +39,8 @@ class QuasiPolynomial:
 
     - terms: sequence of arrays; real coefficients of the polynomials c_0, c_1, ... in descending powers of s.
     - delays: s, >= 0; one delay per term, 0 for c_0. A single number h stands for the delays 0, h, 2 h, ...
-    - removed: exponent of s^-removed. The sum must have at least as many zeros at s = 0, as in the transfer function
-      (1 - exp(-delay s))/s of the integral over the last `delay` seconds, with `removed` = 1.
+    - removed: exponent of s^-removed. The sum must have at least `removed` zeros at s = 0. Example: the integral over
+      the last `delay` seconds has the transfer function (1 - exp(-delay s))/s with `removed` = 1.
 
     InputError: a coefficient that is not finite, or a delay that is negative or not finite.
     """
@@ -92,7 +92,7 @@ class QuasiPolynomial:
     def size(self, radius: Floats | float, left: Floats | float = 0.0, least: Floats | float = 0.0) -> Floats:
         """Upper bound on |F(s)| for all s with least <= |s| <= radius and Re s >= -left.
 
-        - radius, left, least: 1/s, arrays of one shape or numbers.
+        - radius, left, least: 1/s; numbers, or arrays of equal shape.
         """
         if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
             with np.errstate(divide="ignore"):
@@ -118,7 +118,7 @@ class QuasiPolynomial:
         return QuasiPolynomial(list(terms.values()), list(terms), self.removed)
 
     def times(self, polynomial: ArrayLike) -> QuasiPolynomial:
-        """Product of F(s) and a polynomial with these coefficients, in descending powers of s."""
+        """Product of F(s) and a polynomial; `polynomial` has its coefficients, in descending powers of s."""
         return QuasiPolynomial([np.polymul(c, np.asarray(polynomial)) for c in self.terms], self.delays, self.removed)
 
     @property
@@ -178,8 +178,8 @@ class DelayedRatio:
     def __post_init__(self) -> None:
         if self.numerator.removed != self.denominator.removed:
             raise InputError(
-                f"delayed ratio: removed is {self.numerator.removed} in the numerator and "
-                f"{self.denominator.removed} in the denominator; give both the same value"
+                f"delayed ratio: the numerator has removed = {self.numerator.removed}, the denominator removed = "
+                f"{self.denominator.removed}; give both the same `removed`"
             )
 
     def __call__(self, s: ArrayLike) -> Complexes:
@@ -203,8 +203,8 @@ class DelayedLoop(BoundedLoop):
 
     InputError: D is not of retarded type (its highest power of s has a delay), or L does not tend to 0 at infinity.
 
-    The delay margin is the dead time that may be added in the process while the delays inside the controller stay the
-    same. `margins` lists phase crossovers up to a frequency above which |L| < 1/200, and at least up to
+    The delay margin is the dead time that may be added to the plant while the delays inside the controller do not
+    change. `margins` lists phase crossovers up to a frequency above which |L| < 1/200, and at least up to
     22 * 2 pi/(longest delay).
     """
 
@@ -247,7 +247,7 @@ class DelayedLoop(BoundedLoop):
         return self.characteristic.count_right()
 
     def certificate(self) -> Certificate:
-        """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
+        """Decide stability and enclose the margins in intervals, by ball arithmetic; see `Certificate`.
 
         The coefficients and delays of N and D are taken as exact. Raises CertificateError if the loop is too near the
         stability boundary.

@@ -5,8 +5,8 @@ a dead time that is not a multiple of the period h ([Astrom1997] 2):
 
     x[k+1] = Phi x[k] + Gamma0 u[k-d] + Gamma1 u[k-d-1],    y[k] = C x[k],    dead time = (d + fraction) h
 
-d is an integer, and the fraction is from 0 to 1. This equation and that of the controller form the closed loop,
-which is stable if and only if all its eigenvalues lie inside the unit circle.
+d is an integer, and the fraction is from 0 to 1. The difference equations of plant and controller form the closed loop,
+which is stable if and only if all eigenvalues of its state matrix lie inside the unit circle.
 """
 
 from __future__ import annotations
@@ -70,9 +70,9 @@ class HeldPlant:
         return self.periods + (1 if np.any(self.gamma1) else 0)
 
     def flow(self, lengths: Floats) -> Floats:
-        """Matrices that advance the plant by the times `lengths`, (n,), in sampling periods, with a constant command.
+        """Matrices that map [states; command] to their values after each of the times `lengths`, (n,).
 
-        Each multiplies the vector [states; command]; the shape is (n, order + 1, order + 1).
+        The command is constant; `lengths` are in sampling periods; the shape is (n, order + 1, order + 1).
         """
         from scipy.linalg import expm
 
@@ -89,10 +89,10 @@ class SampledLoop(BoundedLoop):
       number; proper. The command is u = C (reference - y) at the samples.
     - plant: P without dead time; python-control or scipy.signal system, or `Rational` in s; continuous-time, strictly
       proper.
-    - dead_time: s, >= 0, between the controller's output and the plant: sum for computation and actuator.
+    - dead_time: s, >= 0, between the controller output and the plant: computation time plus dead time of the actuator.
     - period: sampling period h, s, > 0.
 
-    InputError: a system of another kind, a plant that is not strictly proper, or a time out of range.
+    InputError: a system of another kind, a plant that is not strictly proper, or a dead time or period out of range.
     """
 
     controller: Rational
@@ -195,7 +195,7 @@ class SampledLoop(BoundedLoop):
         return int(np.count_nonzero(self.controller.poles == 1) + np.count_nonzero(self.plant.poles == 0))
 
     def poles(self) -> Complexes:
-        """Poles of L in z, under the name python-control uses; the poles at z = 0 are due to the dead time."""
+        """Poles of L in z; the poles at z = 0 are due to the dead time."""
         plant = np.exp(self.plant.poles * self.period)
         return np.concatenate([self.controller.poles, plant, np.zeros(self.held_plant.chain)])
 
@@ -246,7 +246,7 @@ class SampledLoop(BoundedLoop):
         )
 
     def _run(self, count: int) -> tuple[Floats, Floats]:
-        """Plant states at the first `count` samples of a unit step response, and commands, preceded by 0 for t < 0."""
+        # unit step response: plant states at the samples, and commands, the first of which is 0, for t < 0
         if count > MOST_SAMPLES:
             raise InputError(
                 f"time: {count} samples are not allowed; give a time <= {MOST_SAMPLES * self.period:.3g} s"
@@ -326,7 +326,7 @@ class SampledLoop(BoundedLoop):
         return np.asarray(found[found > 0])
 
     def _plant_response(self, z: Complexes, beyond_one: Complexes) -> tuple[Complexes, Complexes]:
-        """Pulse transfer function of hold, plant and dead time at z, and the derivative of its logarithm by z."""
+        """Pulse transfer function P of hold, plant and dead time at z, and d ln P/dz."""
         held = self.held_plant
         # `beyond_one` is z - 1, given separately because the difference loses digits near z = 1
         resolvent = beyond_one[..., None, None] * np.eye(held.c.size) - held.growth
@@ -389,11 +389,11 @@ class BoxedExpansion:
 
     - value, slope, drift: array of complex, (n,); ln(L z^turns) and its derivatives with respect to theta and to the
       fraction.
-    - near: reciprocal distances of z to the poles of L and to the zeros of the controller, (n, number of these).
+    - near: reciprocal distances of z to the poles of L and to the zeros of the controller, (n, number of both).
     - signs: 1 for a zero and -1 for a pole, for each column of `near`.
     - taylor: Taylor coefficients of the plant's numerator about z, (n, order + 1).
     - drifts, follows: derivatives of these coefficients with respect to m, (n, order + 1), and with respect to the
-      components of G(m), (n, order + 1, order). All three arrays are divided by the numerator at z.
+      components of G(m), (n, order + 1, order). `taylor`, `drifts` and `follows` are divided by the numerator at z.
     """
 
     of: BoxedResponse
@@ -414,7 +414,7 @@ class BoxedExpansion:
         A bound is inf if none exists. The bound for ln L also holds for complex theta in the disk with radius `half`.
 
         - half: half width of each box in theta, rad, (n,).
-        - half_fraction: half width of each box in the fraction, (n,); None for boxes with one fraction only.
+        - half_fraction: half width of each box in the fraction, (n,); None if this width is 0.
         """
         # each power of z - middle is bounded by its size; in the third bound the first power is split along the circle,
         # because at low frequency a delay turns L without changing |L|
@@ -465,11 +465,11 @@ class BoxedResponse:
         return np.geomspace(low, np.pi, 2 + int(np.log(np.pi / low) / np.log(_CELL_RATIO)))
 
     def _reached(self, m: Floats) -> Floats:
-        """States G(m) of the plant, (n, order), after m sampling periods with command 1, beginning at 0."""
+        """States G(m) of the plant, (n, order), after m sampling periods with command 1, from zero states."""
         return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:
-        """Upper bound, (n, order), on how far G deviates from its linear expansion within `half` of `fraction`."""
+        """Upper bound, (n, order), on the error of G's linear expansion up to the distance `half` from `fraction`."""
         from scipy.linalg import expm
 
         a, b = self._held.a, self._held.b
@@ -544,10 +544,12 @@ class Boxes(NamedTuple):
 
 
 def added_delay(loop: SampledLoop) -> tuple[float, float]:
-    """Least added dead time that destabilises, s, and frequency of the pole there, rad/s; inf and NaN if none does.
+    """Least added dead time, s, that makes the loop unstable, and frequency, rad/s, of the resulting oscillation.
 
-    Frequencies below 1e-5 times the slowest pole or zero are not searched, nor are dead times that have more than 90
-    deg of phase at this lowest frequency. If 20 000 boxes of frequency and dead time do not isolate the root, the
+    The results are inf and NaN if no added dead time makes the loop unstable.
+
+    Frequencies below 1e-5 times the slowest pole or zero are not searched, nor are dead times with a phase of
+    more than 90 deg at this frequency. If 20 000 boxes of frequency and dead time do not isolate the root, the
     result is the dead time up to which stability is certain.
     """
     response, begin = loop._boxed, loop.dead_time / loop.period
@@ -569,7 +571,7 @@ def added_delay(loop: SampledLoop) -> tuple[float, float]:
 
 
 def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
-    """Boxes that cover the intervals of theta between `edges`, rad, and all dead times from that of the loop on."""
+    """Boxes that cover the intervals of theta between `edges`, rad, and all dead times from the loop's dead time on."""
     # the loop has the dead time `periods` + `own`: fractions below `own` begin with one whole period more
     half, boxes = np.diff(edges) / 2, []
     for early, late, turns in ((0.0, own, periods + 2), (own, 1.0, periods + 1)):
@@ -580,7 +582,7 @@ def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
 
 
 class Step(NamedTuple):
-    """Newton step from the middle of each box to the root of L = -1 in the linear expansion, (n,) each.
+    """Newton step from the middle of each box to the root of the linearised equation L = -1; each field is (n,).
 
     - theta, fraction: the step, rad and ratio.
     - theta_room, fraction_room: largest error of the step; inf if unbounded.
@@ -629,9 +631,9 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
 def _next_turns(
     expansion: BoxedExpansion, boxes: Boxes, rest: Floats, across: Floats, alive: Flags
 ) -> tuple[Boxes, Step, Flags]:
-    """Find the least number of turns, at least the present number, for which each box may contain a root.
+    """Find, for each box, the least number of turns, from `boxes.turns` on, at which the box may contain a root.
 
-    Return the boxes with this number, the Newton step for it, and True for each box that may contain a root at all.
+    Return the boxes with these numbers, the Newton steps, and True for each box that may contain a root.
     """
     size, phase = expansion.value.real, expansion.value.imag - math.pi
     rise, drift, turns = expansion.slope.real, expansion.drift, boxes.turns
@@ -672,7 +674,7 @@ def _next_turns(
 
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
-    """Reduce each box to the part in which, by the Newton step, a root for `boxes.turns` turns may lie."""
+    """Reduce each box to the part that may contain a root at `boxes.turns` turns, according to the Newton step."""
 
     def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:
         low, high = np.clip(to - room, -half, half), np.clip(to + room, -half, half)

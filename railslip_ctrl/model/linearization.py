@@ -40,7 +40,7 @@ class OperatingPoint:
     - slip: lambda, slip ratio, 0 <= lambda < 1.
     - adhesion_state: z in steady state (z' = 0), m; None for a static law.
     - adhesion_force: Fa, N.
-    - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
+    - brake_torque: Tb at which lambda' = 0, N*m, without disturbance torque and random adhesion torque.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
     - gain: (acting/commanded torque) times (measured/true slip velocity), a ratio; 1 without errors.
     - residual: largest relative rounding error of lambda' = 0 and z' = 0, a ratio.
@@ -163,7 +163,7 @@ class LinearPlant:
     - point: the operating point.
     - A, B, C, D: ndarray, (n, n), (n, 1), (3, n), (3, 1); SI; deviations from the operating point.
     - states: "v" if the speed is a state, "sigma", and "z" for a dynamic law.
-    - inputs, outputs: "brake_torque"; "sigma", "lambda", and "error" = slip v - sigma with the slip of the point.
+    - inputs, outputs: input "brake_torque"; outputs "sigma", "lambda", and "error" = `point.slip` v - sigma.
     """
 
     point: OperatingPoint
@@ -226,7 +226,7 @@ def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Linea
     - vehicle: quarter car, SI.
     - speed: v, m/s, > 0.
 
-    The railway bristle model acts here as a spring without damping between wheel and rail; its poles are
+    At slip 0 the railway bristle model acts as an undamped spring between wheel and rail; the poles of the plant are
     +-j sqrt(alpha (r^2/J + 1/M)). Errors as in `operating_point`; KinkError if the law has no derivative at slip 0.
     """
     if not law.has_state:
@@ -267,7 +267,7 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
 
 
 def _jacobian(point: OperatingPoint, sigma: float) -> Floats:
-    """Jacobian of the rates of v, sigma and z at the operating point, but at the slip velocity `sigma`."""
+    """Jacobian of the rates of v, sigma and z at the operating point, with the slip velocity replaced by `sigma`."""
     law = point.law
     functions, p = numeric_plant(type(law)), plant_parameters(law, point.vehicle)
     z = point.adhesion_state or 0.0

@@ -81,7 +81,7 @@ class Record(BaseModel):
     @classmethod
     @cache
     def units(cls) -> dict[str, str]:
-        """Units of the numeric fields, by name, in order."""
+        """Return the units of the numeric fields, in the order of the fields; the keys are the names of the fields."""
         extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
         return {name: str(each["unit"]) for name, each in extras.items() if isinstance(each, dict) and "unit" in each}
 
@@ -94,7 +94,7 @@ class Record(BaseModel):
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
-        """Make the record from a mapping `obj` of its keys; pydantic gets `options`; InputError as in `Record`."""
+        """Make the record from `obj`, a mapping of field values; pydantic gets `options`; InputError as in `Record`."""
         try:
             return super().model_validate(obj, **options)
         except ValidationError as error:
@@ -179,8 +179,8 @@ class PIGains(Record):
 class Vehicle(Record):
     """Quarter car: the part of the train that one wheelset carries and brakes ([Park2008] Fig. 2).
 
-    `inertia_scale` multiplies mass, wheel inertia and viscous friction only: 1 is SI; 3.6 reproduces the published
-    results, for which speeds were in km/h and forces in N. The equations of motion use the `effective_` values.
+    `inertia_scale` multiplies mass, wheel inertia and viscous friction only. The factor is 1 in SI; 3.6 reproduces the
+    published results, for which speeds were in km/h and forces in N. The equations of motion use the multiplied values.
     `mass_loaded` is at least `mass`. A change of mass does not change `wheel_load`.
     """
 
@@ -231,7 +231,7 @@ class Vehicle(Record):
         return vehicle
 
     def empty(self) -> Vehicle:
-        """Copy of the vehicle with the mass and wheel load that it had before `loaded` was called, if it was called."""
+        """Copy of the vehicle; if the vehicle is a result of `loaded`, the copy has the empty mass and wheel load."""
         mass, wheel_load = self._empty or (self.mass, self.wheel_load)
         vehicle = self.model_copy(update={"mass": mass, "wheel_load": wheel_load})
         BaseModel.__setattr__(vehicle, "_empty", None)
@@ -331,7 +331,7 @@ USUAL_RANGES: Mapping[str, Any] = texts(__package__, "usual_ranges.toml")
 
 @checked
 def vehicle_warnings(vehicle: Vehicle) -> tuple[str, ...]:
-    """Warnings on implausible numbers of a `vehicle`; M, J and B are checked without the inertia scale."""
+    """Warnings on implausible numbers of a `vehicle`; `inertia_scale` is ignored."""
     found: dict[str, str] = {}
     for key, usual in USUAL_RANGES.items():
         value, unit = _VALUES[key](vehicle), usual["unit"]

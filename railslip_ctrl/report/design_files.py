@@ -22,14 +22,14 @@ from .recommendation import design_report
 
 
 def toml_text(envelope: Envelope, control: Controller) -> str:
-    """Return the controller as TOML text; option --controller of every command reads this file."""
+    """Return the text of a TOML file with the controller, which the option --controller of the commands reads."""
     return control.toml
 
 
 def script_text(envelope: Envelope, control: Controller) -> str:
-    """Return a Python script that makes envelope and controller, judges the controller, runs a stop, and saves it.
+    """Return a Python script that judges the controller over the envelope, simulates a stop, and saves the controller.
 
-    InputError: the controller's class or an adhesion law comes from a file of the user.
+    InputError: the controller's class comes from a Python file of the user, or a law is an `AdhesionLaw` object.
     """
     kind = type(control)
     if python_file(kind) is not None or any(isinstance(law, AdhesionLaw) for law in envelope.laws):

@@ -1,4 +1,4 @@
-"""Computation of a design report, and its records.
+"""Computation of a design report, and records of the contents of the report.
 
 `design_report` tunes and judges controllers, simulates stops with them, and chooses the best one.
 """
@@ -85,7 +85,7 @@ class ShownLoop:
 
 @dataclass(frozen=True)
 class GainMap:
-    """Worst Ms for gains near those of the design, with the same lead, over a number of operating points (`points`).
+    """Worst Ms over `points` operating points, for gains near those of the design and with the lead of the design.
 
     - kp, ki: gains, SI, shapes (m,) and (n,).
     - ms: worst Ms, shape (m, n); inf if a loop is unstable.
@@ -114,7 +114,7 @@ class Responses:
 
 @dataclass(frozen=True)
 class Sliding:
-    """Verified conditions of the predictive sliding-mode law; if there are none, `reason` says why."""
+    """Verified conditions of the predictive sliding-mode law; if `verification` is None, `reason` says why."""
 
     verification: Verification | None
     reason: str = ""
@@ -145,7 +145,7 @@ class UnjudgedSlips:
 
 @dataclass(frozen=True)
 class Rival:
-    """A user's controller with its nominal stops and its judgement; without judgement, `reason` says why."""
+    """A user's controller with its nominal stops and its judgement; if `judgement` is None, `reason` says why."""
 
     name: str
     judgement: Judgement | None
@@ -154,7 +154,7 @@ class Rival:
 
     @property
     def above_kmh(self) -> float | None:
-        """Speed, km/h, above which the controller is robust; None if it never is, or if a wheel locks under control."""
+        """Speed, km/h, above which the controller is robust; None if never, or if a wheel locks during slip control."""
         robust = None if self.judgement is None else self.judgement.robust_from_kmh
         return None if any(stop.locked_from > stop.cut_out for stop in self.stops) else robust
 
@@ -199,7 +199,7 @@ class DesignReport:
 
     @property
     def judgement(self) -> Judgement | None:
-        """Judgement of the best candidate over the whole envelope; None if it has no margins."""
+        """Judgement of the best candidate over the whole envelope; None if this candidate has no margins."""
         return None if self.best is None or self.best.design is None else self.best.design.judgement
 
     @property
@@ -209,7 +209,7 @@ class DesignReport:
 
     @property
     def hands_over(self) -> bool:
-        """True if a usable design has a hand-over speed, below which it does not control slip."""
+        """True if the best candidate qualifies and has a hand-over speed."""
         return self.usable and self.control is not None and self.control.controlled_from > 0
 
     @property
@@ -292,11 +292,11 @@ def design_report(
     """Compute recommendation, margins, stops and limits for the design review of a vehicle.
 
     - nominal: judge only the operating points, without tolerances.
-    - given: user's controllers by name; they run in the same stops and are judged if they have margins.
+    - given: user's controllers by name; simulated in the same stops, and judged if they have margins.
     - sliding: also verify the conditions of the predictive sliding-mode law, and find where a brake release prevents a
       lock.
-    - fresh: verify these conditions again instead of reading the earlier result from the cache.
-    - prefer: order of the candidates that qualify, see `ordered`.
+    - fresh: verify the conditions of the predictive law again instead of reading the result from the cache.
+    - prefer: first criterion for the order of the candidates that qualify; "robustness" means the worst Ms.
     - meanwhile: called once with the unfinished report, to draw the first pictures during the computation.
 
     InputError: the envelope has no points, or an object in `given` is not a controller.

@@ -30,11 +30,11 @@ class Condition:
     - how: method, None if undecided: "symbolic" (proved with SymPy or in closed form), "proved over the box" (by
       interval arithmetic), "counterexample" (violated at a point of the box), "simulated", or `RULE`, `CORNERS`,
       `checked_at`.
-    - numbers: numbers that decide the condition.
+    - numbers: values, by name, from which the verdict follows.
     - claimed: True if [Park2008] claims the condition or relies on it.
-    - down_to_kmh: speed, km/h, down to which the condition holds from 100 km/h on; None if it does not hold or does not
+    - down_to_kmh: the condition holds from 100 km/h down to this speed, km/h; None if it does not hold or does not
       depend on speed.
-    - tolerated: largest relative errors of the law's estimates, by name; inf without bound.
+    - tolerated: largest relative errors of the law's estimates with which the condition holds, by name; may be inf.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Limit `value` of a quantity, in `unit`, up to which the conditions hold; the other quantities are as in the box.
+    """Limit `value` (in `unit`) up to which the conditions hold if the other quantities are in `Verification.box`.
 
     `limited_by` is the condition that fails for larger values.
     """
@@ -65,9 +65,10 @@ class Verification:
 
     - law: "paper" (with the conditions of the robust variants), "robust" or "predictive".
     - K: switching gain, N*m, for the predictive law N*m/s.
-    - D: gain on s, N*m/(m/s); None for the predictive law.
+    - D: gain on the sliding variable s, N*m/(m/s); None for the predictive law.
     - seed: first seed of random numbers.
-    - box, tolerances: ranges of the quantities, and largest errors; empty unless the law is "predictive".
+    - box: ranges of the quantities for which the conditions are checked; empty unless the law is "predictive".
+    - tolerances: limits of single quantities; empty unless the law is "predictive".
     - findings: numbers for the conclusion about the actuator (`report.verification.conclusion_text`); None without
       actuator, and for the predictive law.
     """
@@ -101,7 +102,7 @@ class Verification:
 
 @dataclass(frozen=True)
 class NoLock:
-    """Largest certified acting torque, N*m, by speed (km/h) and slip, (speeds, slips); 0 if no torque is certified."""
+    """Largest acting torque, N*m, (speeds, slips), from which a released wheel certainly does not lock; 0 if none."""
 
     speeds_kmh: Floats
     slips: Floats
@@ -122,11 +123,11 @@ class ReleasedRun:
 
     @property
     def share(self) -> float:
-        """Share of the samples from which the wheel certainly does not lock."""
+        """Share of the samples at which `inside` is True."""
         return float(np.mean(self.inside))
 
     @property
     def outside_kmh(self) -> tuple[float, float] | None:
-        """Lowest and highest speed, km/h, of the samples from which the wheel may lock; None without such samples."""
+        """Lowest and highest speed, km/h, of the samples at which `inside` is False; None if there are none."""
         speeds = self.speed[~self.inside] / KMH
         return (float(speeds.min()), float(speeds.max())) if speeds.size else None

@@ -176,7 +176,7 @@ def estimates_figure(
     """Plot a simulated braking: true speeds and torques, and estimates of the adhesion torque with their errors.
 
     - time: times of the estimates, s, shape (n,).
-    - estimates, errors: estimates and their errors by name of the observer, N*m, shape (n,).
+    - estimates, errors: estimated adhesion torques and errors of the estimates, by observer, N*m, shape (n,).
     """
     figure = style.new_figure(4.2 + 1.1 * len(estimates), title)
     axes = style.panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[

@@ -106,12 +106,12 @@ COLUMNS = MEASURES + OTHERS
 
 
 def measured(name: str) -> Measure:
-    """Return the measure in `MEASURES` with a name; StopIteration for an unknown name."""
+    """Return the measure in `MEASURES` with the given name; StopIteration for an unknown name."""
     return next(measure for measure in MEASURES if measure.name == name)
 
 
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
-    """Return the results of a run by column; without a run, because its values are not allowed, measures are None."""
+    """Return the results of a run by column; if `run` is None (sampled values not allowed), the measures are None."""
     outcome = REFUSED if run is None else run.outcome.value
     measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
     return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}
@@ -149,7 +149,7 @@ def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
 
 
 def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """Return the same rows as `run_part`, computed on the GPU of this machine."""
+    """Simulate the runs of a part on the GPU of this machine; return their rows. InputError as in `check_version`."""
     check_version(version)
     runs: dict[tuple[int, str], Run] = {}
     for k, name in enumerate(campaign.controller_names):
@@ -175,7 +175,7 @@ class Store:
     def open(cls, campaign: Campaign, folder: Path, *, part_runs: int | None = None) -> Store:
         """Return the store of a campaign in a new or existing folder, without writing anything.
 
-        `part_runs` is the number of runs in a part; a folder that already has results keeps its number. InputError if
+        `part_runs` is the number of runs in a part; a folder with results keeps the earlier number. InputError if
         the folder contains results of another campaign or of another version of the package, or other files.
         """
         if (folder / MANIFEST).exists():
@@ -204,7 +204,7 @@ class Store:
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
-                f"{where} has the results of another campaign; choose another folder, or give that other campaign"
+                f"{where} has the results of another campaign; choose another folder, or give that campaign"
             )
         return cls(campaign, folder, size)
 
@@ -303,7 +303,7 @@ class Store:
         return table
 
     def row(self, i: int) -> dict[str, dict[str, Any]]:
-        """Return the row of run number i for each controller, by name; empty if its part is not finished."""
+        """Return the row of run number i for each controller, by name; empty if the run has not been stored."""
         rows = self.read(self.part(i)).to_pylist() if self.path(self.part(i)).is_file() else []
         return {row["controller"]: row for row in rows if row["run"] == i}
 
@@ -396,7 +396,7 @@ def workers_for(work: Work, shared: Any, workers: int | None, scheduler: str | N
     check_extra("campaign", "campaign")
     if workers is not None and scheduler is not None:
         raise InputError(
-            "workers: not allowed with a scheduler, whose cluster has its own workers; give one of the two"
+            "workers: not allowed with a scheduler, whose cluster has its own workers; give workers or scheduler"
         )
     count = cpu_count() if workers is None else workers
     if count < 1:
@@ -429,7 +429,7 @@ def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
 
 
 def _nothing() -> None:
-    """Do nothing: with this first task a worker process starts and imports the package."""
+    """Do nothing: a worker process starts and imports the package when its first task is submitted."""
 
 
 @contextmanager
@@ -474,7 +474,7 @@ class Replay:
 
     - number, values: number of the run, and sampled values by name, SI.
     - runs: the run with each controller, by name.
-    - stored: True if the folder of the campaign contains this run; the repeated run then had the stored results.
+    - stored: True if the folder of the campaign contains results of this run; the repeated run then agrees with them.
     """
 
     number: int
@@ -487,7 +487,7 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     """Simulate run number `i` (from 0) of a `campaign` again and record its time series at every sample.
 
     InputError for an i out of range, for sampled values that are not allowed, or if the results differ from those in
-    the `folder` of the campaign: another processor or another version of NumPy may round differently. For a campaign on
+    the `folder` of the campaign. Another processor or another version of NumPy may round differently. For a campaign on
     a GPU, relative differences up to 1e-9 are accepted.
     """
     case = campaign.case(i)
