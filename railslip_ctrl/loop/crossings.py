@@ -574,7 +574,7 @@ def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = 
 
 
 def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
-    """Frequency, rad/s, at which arg L/pi is `odd`; arg L/pi is `first` at `low` and `last` at `high`, both in rad/s."""
+    """Frequency, rad/s, at which arg L/pi is `odd`; arg L/pi is `first` at `low` and `last` at `high`, both rad/s."""
     target, dead_time = math.pi * odd, response.dead_time
     if math.isinf(high):  # at high frequency the dead time dominates the phase
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
