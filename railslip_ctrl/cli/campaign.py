@@ -78,7 +78,7 @@ def command(
 ) -> None:
     """Run a scenario many times with sampled quantities and report statistics.
 
-    The runs use every core. An interrupted campaign is continued. Exit status 0, or 2 for bad input.
+    The runs use every core. The command continues an interrupted campaign in DIR. Exit status 0, or 2 for bad input.
 
     The adhesion law comes from the scenario; there is no option --adhesion. To choose a law, name a scenario file in
     CAMPAIGN.toml (scenario = "own.toml"), and name the law in the scenario file (adhesion = "beam", or adhesion =

@@ -130,9 +130,9 @@ def command(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Fit adhesion models to a brake-rig log; print the curve, the models and the reference slip.
+    """Fit adhesion models to a brake-rig log; print the adhesion curve, the models and the reference slip.
 
-    With several logs the parameters are fitted as functions of v0.
+    With several logs the parameters are fitted as functions of the initial speed v0.
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
     optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kNm]", "time_ms". The units may
@@ -157,7 +157,7 @@ def command(
     if out is not None:
         check_directory(out, _file_names(len(logs)))
         if observed is not None and observed.resolve() in {out.resolve(), *(out.resolve() / n for n in _file_names(1))}:
-            raise InputError(f"--observed: {str(observed)!r} is --out or a file in it; give another file")
+            raise InputError(f"--observed: {str(observed)!r} is --out, or a file that --out writes; give another file")
     chosen = PARK2008 if vehicle is None else from_file("--vehicle", vehicle, load_vehicle)
     print_remarks(chosen)
     chosen = chosen.loaded() if loaded else chosen

@@ -85,7 +85,7 @@ def command(
     as_json: bool,
     **control: Any,
 ) -> None:
-    """Simulate a braking run: outcome, time, distance, energy, slip error, time series and pictures.
+    """Simulate a braking run and report outcome, time, distance, energy, slip error, time series and pictures.
 
     Exit status 0, 1 if the train did not stop, or 2 for bad input.
 

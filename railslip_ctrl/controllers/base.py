@@ -46,7 +46,7 @@ _FIRST = 1  # index of the first parameter in the numbers of `Controller.row`, a
 class Measurement(NamedTuple):
     """Measurements of one sample: time (s), train speed (m/s), wheel speed (rad/s), and `applied_torque` (N*m).
 
-    `applied_torque` is the command since the previous sample, after the limits of the brake.
+    `applied_torque` is the previous command, limited by the brake.
     """
 
     time: float
@@ -59,8 +59,8 @@ class Measurement(NamedTuple):
 class Situation:
     """Conditions on which the parameters of `step` depend: `rail`, sampling `period` (s), `assumed` adhesion law.
 
-    In a braking run, `assumed` is the law that the controller sets, or else the law of the run. Without a run (C or
-    Python program) it is None if the controller sets no law.
+    In a braking run, `assumed` is the law that the controller sets, or else the law of the run. In a C
+    or Python program, `assumed` is None if the controller sets no law.
     """
 
     rail: Rail
@@ -168,7 +168,7 @@ class Controller(Record):
         return self.State()
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
-        """Parameters, SI, that `step` reads in a `situation`, by name; without sampling period and reference slip."""
+        """Names and values (SI) of the parameters of `step` in a `situation`, without period and reference slip."""
         return {name: getattr(self, name) for name in self.parameter_fields()}
 
     @property
@@ -237,8 +237,8 @@ class Controller(Record):
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
         """Copy of the controller with new design numbers.
 
-        `values` are the new design numbers by name, in the units of `design_numbers`, and `others` new values of other
-        fields. InputError for a value that the class does not allow.
+        `values` maps names of design numbers to their new values, in the units of `design_numbers`. `others` are new
+        values of other fields. InputError for a value that the class does not allow.
         """
         try:
             return type(self)(**{**dict(self), **values, **others})
@@ -254,7 +254,7 @@ class Controller(Record):
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy with the parameters of a `vehicle` where its own are None or equal those of the vehicle `before`."""
+        """Copy in which vehicle parameters that are None, or equal to those of `before`, come from `vehicle`."""
         changed = {}
         for name in _ASSUMED.keys() & type(self).model_fields.keys():
             now, was = _ASSUMED[name](vehicle), None if before is None else _ASSUMED[name](before)
@@ -267,13 +267,13 @@ class Controller(Record):
         return None
 
     def loop(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """Exact loop at an operating point with an `actuator`; None if it is computed from the result of `linear`."""
+        """Exact loop at an operating point with an `actuator`; None if the caller must compute it from `linear`."""
         return None
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float | None:
         """Slip ratio that the controller holds on an adhesion `law` at a train `speed`, m/s, and a `wheel_load`, N.
 
-        Stability and margins are computed at this slip ratio. None if they are computed at the reference slip.
+        Stability and margins are computed at this slip ratio or, if the method returns None, at the reference slip.
         """
         return None
 
@@ -288,7 +288,7 @@ class Controller(Record):
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]
     ) -> tuple[Any, Any] | None:
-        """Stability and Ms (inf if unstable) of n sampled loops; None if they are computed from the result of `linear`.
+        """Stability and Ms (inf if unstable) of n sampled loops; None if the caller must compute them from `linear`.
 
         - points, brakes: operating points and actuators.
         - case: two index arrays, (n,) each: loop i has operating point case[0][i] and actuator case[1][i].
@@ -296,7 +296,7 @@ class Controller(Record):
         return None
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """Sampled loop at an operating point with an `actuator`; None if it is computed from the result of `linear`."""
+        """Sampled loop at an operating point with an `actuator`; None if the caller must compute it from `linear`."""
         return None
 
     def assuming(self, law: AdhesionLaw) -> Self:
@@ -305,11 +305,11 @@ class Controller(Record):
 
     @classmethod
     def outside_functions(cls, model: type[AdhesionLaw] | None) -> Mapping[str, Callable[..., Any]]:
-        """Python functions, by name, that replace those marked `outside`; `model` is the assumed adhesion law."""
+        """Names and Python definitions of the functions marked `outside`; `model` is the assumed adhesion law."""
         return {}
 
     def outside_numbers(self, situation: Situation) -> Mapping[str, Any]:
-        """Parameters by name that the functions of the adhesion law in `situation` read, but `step` does not read."""
+        """Names and values of the parameters that only functions marked `outside` read in a `situation`."""
         return {}
 
     @property
@@ -320,7 +320,7 @@ class Controller(Record):
 
     @classmethod
     def described_in(cls) -> tuple[type, ...]:
-        """Classes that describe states and parameters; the first class that has a field describes it."""
+        """Classes that are searched, in this order, for the description of a state or parameter."""
         return tuple(owner for owner in (getattr(cls, "State", None), cls.Parameters, cls) if owner is not None)
 
     @property
@@ -340,15 +340,15 @@ class Controller(Record):
 
     @classmethod
     def outside_text(cls, model: type[AdhesionLaw] | None) -> str:
-        """Source, for the compiled simulation, of functions marked `outside`; `model` is the assumed adhesion law."""
+        """Source text of the functions marked `outside` in the compiled simulation; `model` is the assumed law."""
         return ""
 
     def source_text(self) -> str:
-        """Source text, for the compiled simulation, of the function `command`, the translated method `step`."""
+        """Source text of the function `command`: the method `step`, translated for the compiled simulation."""
         return _source_text(type(self), None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
-        """Reference slip and parameters in a `situation`, for the compiled simulation; `state` gives array lengths."""
+        """Reference slip, parameters in a `situation` and array lengths of `state`, for the compiled simulation."""
         slip = math.nan if self.reference is None else self.reference.on(situation.rail)
         values = {**self.parameters(situation), "period": situation.period, "reference_slip": slip}
         layout = layout_of(type(self))
@@ -369,7 +369,7 @@ class Controller(Record):
         return {name: place for place, name in enumerate((*layout.state, *arrays))}
 
     def __reduce__(self) -> Any:
-        """Pickle the controller; for a user's kind also its class, because another process cannot import its file."""
+        """Pickle the controller, and also a user's class, because another process cannot import the user's file."""
         module = sys.modules.get(type(self).__module__)
         if module is None or getattr(module, "__spec__", None) is not None:
             return super().__reduce__()
@@ -381,7 +381,7 @@ class Controller(Record):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Make the controller from `content`, the keys of the file `path`; `initial_speed`, m/s, is that of the run."""
+        """Make the controller from the `content` of the file `path` for a run with this `initial_speed`, m/s."""
         return validated(cls, content, file_name(path))
 
     def file_keys(self) -> dict[str, Any]:

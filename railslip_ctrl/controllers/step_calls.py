@@ -1,4 +1,4 @@
-"""Calls a user's step from the compiled simulation by its address, so that one compilation serves every step."""
+"""Calls a user's step function from the compiled simulation, which need not be compiled anew for each function."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def address_of(step: Any) -> int:
 
 
 def call_step(address: float, t: float, v: float, omega: float, x: Any) -> float:
-    """Return the torque, N*m, of the step at an `address` for time t, speeds v and omega, and state x, SI."""
+    """Return the torque, N*m, of the step at `address` for time, train speed, wheel speed and state in SI."""
     return float(STEP(int(address))(t, v, omega, x.ctypes.data))
 
 

@@ -1,4 +1,4 @@
-"""Symbols of the plant with LaTeX, unit and meaning, and the cited sources by key.
+"""Symbols of the plant with LaTeX, unit and meaning, and the list of cited sources.
 
 The symbols of an adhesion law are the fields of its class. "[Park2008] (45)" cites equation 45 of a source.
 """
@@ -26,7 +26,7 @@ class Notation:
 
 
 def notation_in(rows: Mapping[str, Sequence[str]]) -> Mapping[str, Notation]:
-    """Symbols by name, from rows of LaTeX, unit, meaning and, for a positive symbol, the text "positive"."""
+    """Make symbols from names and `rows` (LaTeX, unit, meaning and, for a positive symbol, the text "positive")."""
     return MappingProxyType({name: Notation(name, row[0], row[1], row[2], len(row) > 3) for name, row in rows.items()})
 
 

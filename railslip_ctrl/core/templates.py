@@ -30,7 +30,7 @@ def environment(package: str, **options: Any) -> Any:
 
 
 def filled(text: str, numbers: Mapping[str, Any]) -> str:
-    """Fill numbers into a template and return one line; floats are formatted with :g, or with the filter f(format)."""
+    """Fill numbers into a template and return one line; floats have format :g unless the filter f(".2f") changes it."""
     return " ".join(_template(text).render(numbers).split())
 
 

@@ -1,4 +1,4 @@
-"""Controllers by name for a vehicle: those of [Park2008] Table 4, and this project's own.
+"""Named controllers for a vehicle: those of [Park2008] Table 4, and this project's own.
 
 This project's PI-lead and gain schedule are tuned for the largest ki with Ms <= `MS_MAX`. Their gains are stored for
 the published vehicle and are tuned on request for any other.
@@ -62,8 +62,8 @@ def published_controller(
     """Return a controller of [Park2008] Table 4, in SI.
 
     The gains are converted from the units with which the results of Table 5 are reproduced. The PI has no torque limits
-    and no anti-windup. The ASMC is law (45) of [Park2008] with D and K as torques and rho in 1/s. It uses the plant's
-    adhesion law at the measured slip and the mass of the empty vehicle.
+    and no anti-windup. The ASMC is law (45) of [Park2008] with D and K as torques and rho in 1/s. It uses the mass
+    of the empty vehicle, and the plant's adhesion law at the measured slip.
 
     - kind: {"pi", "asmc"}
     - column: {"beam", "bristle"}; column of Table 4 with gains and reference slip (beam 0.119 dry, 0.059 wet; bristle
@@ -73,7 +73,7 @@ def published_controller(
     - adaptive: whether the ASMC adapts two parameters of its adhesion model. The gain k = 2.1e-8 of Table 4 is in units
       with km/h; the SI gains are k1 = k and k2 = 3.6^2 k.
     - reference: reference slip; by default that of the column.
-    - period: sampling period, s; by default every step of the scenario.
+    - period: sampling period, s; by default the integration step of the scenario.
 
     InputError: an unknown kind or column, or an option of the ASMC with the PI.
     """
@@ -146,11 +146,11 @@ def recommended_pi_lead(
 ) -> PI:
     """Return a PI-lead with anti-windup, whose lead cancels the brake's lag.
 
-    - vehicle: quarter car; by default the published one in the as-published reading, with kp 1210 N*m/(m/s) and ki 1220
-      N*m/m. For a vehicle without stored gains they are tuned, which takes some seconds.
-    - gains: gains in place of the stored or tuned ones.
+    - vehicle: quarter car; by default the published one in the as-published reading.
+    - gains: kp and ki; by default 1210 N*m/(m/s) and 1220 N*m/m for the default vehicle. For a vehicle without stored
+      gains, the function tunes them, which takes some seconds.
     - reference: reference slip; by default that of the bristle column of Table 4, 0.132 dry and 0.092 wet.
-    - period: sampling period, s; by default every step of the scenario.
+    - period: sampling period, s; by default the integration step of the scenario.
 
     InfeasibleDesignError: `gains` is not given, and no gains have Ms <= `MS_MAX` for this vehicle.
     """
@@ -177,7 +177,7 @@ def recommended_pi_lead(
 def recommended_schedule(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
 ) -> Scheduled:
-    """Return a PI-lead with gains over speed and rail, tuned with the law `curve`; see `recommended_pi_lead`."""
+    """Return a PI-lead with gains for each speed and rail, tuned for the law `curve`; see `recommended_pi_lead`."""
     car = published_vehicle() if vehicle is None else vehicle
     return Scheduled.for_vehicle(
         car,
@@ -208,14 +208,14 @@ def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = Non
 def lead_of(vehicle: Vehicle) -> tuple[float, float]:
     """Return the time constants, s, of the lead of `recommended_pi_lead` and of its filter.
 
-    They are the brake's lag and a tenth of it; for the published vehicle with any brake, 0.6 and 0.06 s.
+    For the published vehicle they are 0.6 s and 0.06 s, else the lag of the brake and a tenth of this lag.
     """
     lag = vehicle.actuator.lag
     return (LEAD, LEAD_FILTER) if is_published(vehicle) else (lag, lag / 10.0)
 
 
 def design_points(vehicle: Vehicle) -> list[LinearPlant]:
-    """Return plants for tuning: the laws "curve" and "bristle", dry and wet rail, speeds `SPEEDS_KMH`, both loads."""
+    """Return plants for tuning: laws "curve" and "bristle", dry and wet rail, `SPEEDS_KMH`, empty and loaded."""
     plants = []
     for name, rail, car in product(("curve", "bristle"), Rail, (vehicle, vehicle.loaded())):
         law = named_law(name, car).on(rail)
@@ -228,7 +228,7 @@ def design_points(vehicle: Vehicle) -> list[LinearPlant]:
 def margins_over_points(control: PI | Scheduled, vehicle: Vehicle | None = None) -> BatchMargins:
     """Return the exact margins of a linear controller at each of the `design_points` of a vehicle, in their order.
 
-    A scheduled controller has its gains at each point. The default vehicle is `published_vehicle`.
+    At each point, a scheduled controller has the gains for this point. The default vehicle is `published_vehicle`.
     """
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)
@@ -265,8 +265,9 @@ def _schedule(vehicle: Vehicle) -> GainSchedule:
 def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, reference: ReferenceSlip) -> Controller:
     """Return the first controller of a kind, from which the user continues a design by hand.
 
-    The kind's rule sets the parameters. For a PI this is the SIMC rule, [Skogestad2003] Table 1, for the integrating
-    plant (r/J)/s with dead time. If `at` is a linear controller, it is returned as a ratio of polynomials.
+    Each kind has a rule for the parameters. The rule for a PI is the SIMC rule, [Skogestad2003] Table 1, for the
+    integrating plant (r/J)/s with dead time. If `at` is a linear controller, the function returns `at` as a ratio of
+    polynomials.
 
     InfeasibleDesignError or InputError if the rule gives no controller for the vehicle.
     """
@@ -313,7 +314,7 @@ def tracked_reference(
     """Return the reference slips of a controller of `NAMES`; None if it tracks no reference slip.
 
     The reference slip is `slip` if given, else that of the `column` of [Park2008] Table 4, else that of the adhesion
-    law. InputError if there is none, or if the controller does not use an argument; messages put `dashes` before
+    law. InputError if no reference slip is known, or if an argument has no effect; messages write `dashes` before
     argument names.
     """
     if not _tracks_reference(controller):
@@ -349,7 +350,7 @@ def controller_named(
 
     - name: "pi" or "asmc" is a controller of [Park2008] Table 4; the others are this project's own.
     - vehicle: quarter car to control.
-    - column: {"beam", "bristle"}; column of Table 4 for the gains of "pi" and "asmc", and for every reference slip.
+    - column: {"beam", "bristle"}; column of Table 4 for the gains of "pi" and "asmc", and for the reference slip.
     - gains: gains for "pi" or "pi-lead", in place of the usual ones.
     - reference: reference slip in place of the column's. A controller that tracks no reference slip uses it only to
       state the slip error.

@@ -24,13 +24,13 @@ _CACHE_SIZE = 200  # largest number of cached results, most of them small
 
 
 class Workbench:
-    """Envelope and first controllers for a design by hand.
+    """Envelope and controllers from which a design by hand begins.
 
     - envelope: operating points and tolerances of the design.
-    - controller: first controller; by default each kind of controller has a rule for the first one.
+    - controller: first controller of its kind; a rule computes the first controllers of all other kinds.
 
-    InputError for an envelope without operating points or common reference slips, or a controller without named
-    parameters.
+    InputError if the envelope has no operating points, if the reference slips of its adhesion laws differ and none are
+    given, or if the controller has no named parameters.
     """
 
     def __init__(self, envelope: Envelope, controller: Any = None) -> None:
@@ -45,7 +45,7 @@ class Workbench:
 
     @cached_property
     def reference(self) -> ReferenceSlip:
-        """Reference slips of the first controllers: of the envelope, else of the given controller, else of the laws."""
+        """Reference slips of the envelope, else those of the given controller, else those of the adhesion laws."""
         own = self.envelope.reference or getattr(self.given, "reference", None)
         slips = own or common_reference(self.envelope, self.envelope.points(nominal=True))
         if slips is None:
@@ -68,7 +68,7 @@ class Workbench:
         return controllers | ({} if self.given is None else {self.given.kind: self.given})
 
     def control(self, kind: str, values: Mapping[str, float], reference: ReferenceSlip | None = None) -> Controller:
-        """Return the controller of a kind with parameters `values`, by name, and reference slips.
+        """Return the controller of a kind with reference slips and with `values` for the named parameters.
 
         InputError, with the parameter's name, for a value that the kind does not allow.
         """
@@ -79,13 +79,13 @@ class Workbench:
         return first.with_design_numbers(values, **({"reference": slips} if first.follows_reference else {}))
 
     def with_ratio_of(self, control: Controller) -> dict[str, Controller]:
-        """Return `kinds` with a linear `control`, as a ratio of polynomials, in the place of "transfer function"."""
+        """Return `kinds`; a linear `control`, as a ratio of polynomials, replaces the entry "transfer function"."""
         if not isinstance(control, LinearControl) or control.kind == TransferFunction.kind:
             return self.kinds
         return {**self.kinds, TransferFunction.kind: begun(TransferFunction, control, self.reference)}
 
     def points(self, control: Controller, *, nominal: bool = True) -> tuple[Envelope, EnvelopePoints]:
-        """Return the envelope over which a controller is judged, and the cases of this envelope."""
+        """Return the envelope for a controller, and the points of this envelope, with tolerances unless `nominal`."""
         slip_of = cast(HeldSlip, control.held_slip) if control.finds_slip else None
         own = (control.kind, control.slip_numbers()) if slip_of else getattr(control, "reference", None)
 
@@ -97,7 +97,7 @@ class Workbench:
         return cases
 
     def hardest(self, control: Controller, points: EnvelopePoints, from_kmh: float) -> int:
-        """Return the index of the plant that is hardest to control, at or above a speed, km/h."""
+        """Return the index of the plant that is hardest to control among those with a speed >= `from_kmh`, km/h."""
         if not isinstance(control, LinearControl) or getattr(control.system, "period", None) is not None:
             return int(self.of_points(points, ("fastest", from_kmh), lambda cases: fastest(cases, from_kmh)))
         screen: Screen = self.of_points(points, "screen", Screen.of)

@@ -1,4 +1,4 @@
-"""Compute adhesion coefficients from the rows of a log by an observer, and filter the slip in the same way.
+"""Compute adhesion coefficients from the rows of a log with an observer, and filter the slip like the observer.
 
 The observed torque is delayed and smoothed by the filter 1/(tau s + 1). The slip, its square and its cube pass through
 the same filter, so that observed mu and slip belong together. `BrakedRows` are unfiltered rows for prediction-error
@@ -36,7 +36,7 @@ class Channels:
         self._states: list[ObserverState] | None = None
 
     def run(self, time: Floats, channels: Floats) -> Floats:
-        """Filter the next samples of the signals, (channels, k), at `time`, s; a first call begins in steady state."""
+        """Filter the next samples of all signals, (channels, k); `time`, s, (k,). The filters start in steady state."""
         standstill = np.zeros(len(time))  # without acceleration, the observer filters its brake torque
         before: list[ObserverState] | list[None] = self._states or [None] * len(channels)
         estimates = [self._observer.run(time, u, standstill, x) for u, x in zip(channels, before, strict=True)]
@@ -82,7 +82,7 @@ _LONGEST_RUN = 4096  # rows; longer runs are split, so that one run cannot fill 
 
 @dataclass(frozen=True)
 class BrakedRows:
-    """Rows under brake in whole runs, from application to release of the brake; arrays of one length."""
+    """Rows under brake, in runs of consecutive rows without a gap; arrays of equal length."""
 
     time: Floats  # s
     speed: Floats  # of the train, m/s
@@ -96,7 +96,7 @@ class BrakedRows:
 
 
 class Recorder:
-    """Records rows under brake. One run in every `stride` runs is kept, so that the number of rows is bounded."""
+    """Records rows under brake, but only one run in every `stride` runs, so that the number of rows is bounded."""
 
     def __init__(self, most_rows: int = MOST_ROWS) -> None:
         self._most = most_rows
@@ -138,7 +138,7 @@ _MIXED = 1.25  # ratio of the runs' initial speeds beyond which a single v0 does
 
 @dataclass
 class Survey:
-    """Statistics of the rows of a log: numbers of rows, speeds, m/s, times, s, and loads, N."""
+    """Statistics of the rows of a log; speeds are in m/s, times in s, loads in N."""
 
     rows: int = 0
     used: int = 0  # rows with an adhesion sample: under brake, with slip and speed in range
@@ -217,7 +217,7 @@ class Observer(StrEnum):
 
 @dataclass(frozen=True)
 class Observed:
-    """Samples of adhesion over slip, SI, arrays of one length; all except `time` are filtered by the observer.
+    """Samples of adhesion over slip, SI, arrays of equal length; all except `time` are filtered by the observer.
 
     `slip2`, `slip3` and `slip_speed` are the filtered products slip^2, slip^3 and slip times train speed.
     """
@@ -241,8 +241,8 @@ class Observed:
 class AdhesionStream:
     """Computes adhesion samples of a log that arrives in blocks of rows.
 
-    The wheel load of `vehicle` is used if the log has none. `time_constant` is tau of the `observer`, s; None: 0.05 s,
-    or five intervals between rows if that is longer.
+    If the log has no wheel load, that of `vehicle` is used. `time_constant` is tau of the `observer`, s; by default the
+    longer of 0.05 s and five intervals between rows.
     """
 
     def __init__(
@@ -295,7 +295,7 @@ class AdhesionStream:
         return _joined([self._stretch(signals[:, a:b], fresh=bool(apart[a])) for a, b in pieces if b > a])
 
     def check(self, name: str) -> None:
-        """Raise InputError if too many rows are impossible or unusable."""
+        """Raise InputError if too many rows are physically impossible or cannot be used."""
         survey = self.survey
         if survey.implausible > _TOLERATED_SHARE * (survey.rows + survey.implausible):
             more = f" ({survey.implausible} such rows)" if survey.implausible > 1 else ""
@@ -410,9 +410,9 @@ def _joined(parts: list[Observed]) -> Observed:
 
 @dataclass(frozen=True)
 class TimeHistory:
-    """Signals of one run under brake, for a picture; SI, arrays of one length.
+    """Signals of one run of `BrakedRows`, for a picture; SI, arrays of equal length.
 
-    `time` begins at the application of the brake. `wheel_speed` is the speed of the wheel's circumference. The adhesion
+    `time` is 0 in the first row of the run. `wheel_speed` is the speed of the wheel's circumference. The adhesion
     torque is the estimate of the corrected observer, NaN while the observer settles.
     """
 
@@ -425,7 +425,7 @@ class TimeHistory:
 
 
 def time_history_of(record: BrakedRows, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
-    """Return the signals of the longest run of a record. The `time_constant`, s, is that of the observer."""
+    """Return the signals of the run with the most rows. The `time_constant`, s, is that of the observer."""
     if not len(record):
         return None
     runs, counts = np.unique(record.run, return_counts=True)

@@ -1,8 +1,8 @@
 """Prediction-error fits: predict each row's wheel speed from the row before, and minimise the errors.
 
 A random force on the wheel also changes its slip. A curve fitted to force over slip is therefore too flat where the
-adhesion characteristic is steep. A prediction of the wheel speed one interval ahead has no such bias, because the
-present slip does not depend on the coming force, if this force is not correlated over several rows.
+adhesion characteristic is steep. A prediction of the wheel speed one interval ahead has no such bias: if the
+random force is not correlated over several rows, the present slip does not depend on the next force.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Errors(NamedTuple):
 
 @dataclass(frozen=True)
 class Intervals:
-    """Intervals between neighbouring rows; names with 0: values at the beginning, names with 1: at the end. SI."""
+    """Intervals between neighbouring rows, SI. Names that end in 0 or 1 are values at the beginning or end."""
 
     step: Floats  # length of the interval
     speed0: Floats
@@ -88,11 +88,11 @@ class Intervals:
         return len(self.step)
 
     def with_curvature(self, *, steeper: bool = False) -> Intervals:
-        """Return the intervals with curvature: `speed_bend` is set, and the torques have the mean of a parabola.
+        """Return the intervals with `speed_bend`, and with torques whose mean is that of a parabola.
 
-        A parabola passes through both ends of the interval, and through the row before or the row after the interval.
-        The flatter of the two is used, because it does not cross a corner of the signal. If `steeper`, the steeper one
-        is used.
+        One parabola passes through both ends of the interval and the row before it, another through both ends and the
+        row after it. The flatter parabola is used, because it does not cross a corner of the signal; if `steeper`, the
+        steeper parabola is used.
         """
         # the torque of a released brake decays so fast that the mean of its values at both ends is 1 % too high
         excess = self._curvature(self.torque0, self.torque1, steeper=steeper) / 12.0
@@ -176,7 +176,7 @@ class PredictionErrors:
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
 
     def followed(self, values: Floats) -> Floats:
-        """Slip ratio and mu of the bristle model along the motion, as means in cells of slip, (2, cells)."""
+        """Mean slip ratio and mean mu of the bristle model in each cell of slip, shape (2, cells)."""
         errors, sigma, mean, left = self._bristles(values)
         assert errors.start is not None
         assert self._factor is not None, "set_variances comes first"
@@ -222,9 +222,9 @@ class PredictionErrors:
     # --- whitening --------------------------------------------------------------------------------------------------
 
     def set_variances(self, values: Floats) -> None:
-        """Set the variances of random force and sensor noise to their maximum-likelihood estimates.
+        """Estimate the variances of random force and sensor noise by maximum likelihood.
 
-        `residuals` whitens the errors with them.
+        `residuals` whitens the errors with these variances.
         """
         from scipy.optimize import minimize_scalar
 
@@ -277,7 +277,7 @@ class PredictionErrors:
     # --- the fit ----------------------------------------------------------------------------------------------------
 
     def solve(self, starts: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """Search from several starting values; return the best coordinates and the whitened errors there."""
+        """Search from several starting values; return the best search coordinates and the whitened errors for them."""
         if self.model.name in STATIC:
             steepest = float(np.max(-np.log(self.errors(starts[0]).decay)))
             self._substeps = _SUBSTEPS[steepest > _SLOW_DECAY]
@@ -318,10 +318,10 @@ class PredictionErrors:
         return float(np.sum(self.errors(coordinates.values(x)).error ** 2)), x
 
     def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:
-        """Shifts of the best coordinates `x` under other assumptions about the motion between rows.
+        """Shifts of the best search coordinates `x` under other assumptions about the motion between rows.
 
-        They are due to straight lines instead of parabolas, to the steeper parabola in each interval, and, for a static
-        model, to the integration step (Richardson's estimate of order 2).
+        The assumptions are straight lines instead of parabolas, the steeper parabola in each interval, and, for a
+        static model, an integration step of zero (Richardson's estimate of order 2).
         """
         values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
         here, intervals = self.residuals(values), self.intervals
@@ -366,7 +366,7 @@ def has_prediction_errors(model: FitModel, record: BrakedRows) -> bool:
 def prediction_error_fit(
     first: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
 ) -> Fit:
-    """Refit a model by minimising the prediction errors, starting from `first`, its fit to the cells.
+    """Refit the model of `first`, a fit to the cells, by minimising the prediction errors.
 
     Returns `first` if `has_prediction_errors` is false. InputError if the model cannot reproduce the motion of the
     wheel.
@@ -410,7 +410,7 @@ def _refitted(first: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, se
 
 
 def _knots_with_rows(knots: Floats, slip: Floats) -> list[int]:
-    """Indices of the knots with enough rows between them; the last knot is always kept."""
+    """Indices of knots that have enough rows between them; the last knot is always among them."""
     kept = [0]
     for i in range(1, len(knots)):
         if np.count_nonzero((slip > knots[kept[-1]]) & (slip <= knots[i])) >= _LEAST_ROWS:
@@ -460,9 +460,9 @@ def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: floa
 
 
 def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitModel, float | None]:
-    """Add to a model the slip acceleration R for which its peak is computed, and a note about R.
+    """Return the model with the slip acceleration R that determines its peak, and the standard deviation of R.
 
-    Returns the model and the standard deviation of R from run to run, None if not known.
+    The standard deviation is that between runs, None if not known. The model also gets a note about R.
     """
     R, source, spread = setting.given_acceleration, "as given", None
     if R is None:

@@ -45,7 +45,7 @@ class Regimes:
 
 
 def regimes_of(peak: float, model: str, cells: Cells, otherwise: Regimes) -> Regimes:
-    """Regimes with the `peak` (slip ratio) of a model as boundary; `otherwise` if the log has no larger slips."""
+    """Regimes with the `peak` (slip ratio) of a model as boundary; `otherwise` if no slip of the log reaches it."""
     if peak <= float(cells.slip.max()):  # false for NaN
         return Regimes(peak, f"the peak of {model}")
     return otherwise
@@ -105,7 +105,7 @@ FALSE_MISFIT = 0.01  #: significance level of the lack-of-fit test: at most this
 
 
 def misfit_probability(fit: Fit, table: Fit) -> float:
-    """p-value of the F test whether a formula fits the log as well as a table does.
+    """p-value of an F test; the null hypothesis is that a formula fits the log as well as a table does.
 
     F is the deviance of the formula minus that of the table, divided by the number of additional parameters of the
     table and by the long-run variance of its whitened errors (at least 1). NaN if a prediction-error fit is missing or
@@ -171,8 +171,8 @@ class PeakSlip:
     """Adhesion peak at a `speed`, m/s, on a `rail`: slip ratio and mu with 95 % intervals, and the reference slip.
 
     If a formula does not fit better than a table, the intervals contain those of the table's peak. The reference slip
-    is the lower end of the peak's 99 % interval, or the slip with a loss of `LARGEST_LOSS` of the peak adhesion if that
-    is higher. It is at most `OFF_THE_PEAK` times the peak slip.
+    is the larger of two slips, but at most `OFF_THE_PEAK` times the peak slip: the lower end of the peak's 99 %
+    interval, and the slip at which adhesion is lower than at the peak by the share `LARGEST_LOSS`.
     """
 
     speed: float
@@ -257,7 +257,7 @@ def drift(
 
 
 def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]) -> tuple[str, ...]:
-    """Notes on peaks that are extrapolated or computed by a rule; `shown` is as in `drift`."""
+    """Notes on peaks that are extrapolated or converted from dry to wet rail; `shown` is as in `drift`."""
     notes = []
     if any(peak.extrapolated for peak in peaks):
         low, high = (f"{speed / KMH:.4g}" for speed in shown)
@@ -391,10 +391,10 @@ class ParameterPolynomial:
 
 
 def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> tuple[ParameterPolynomial, ...]:
-    """Polynomials of the fitted parameters of one model, weighted by the standard errors if all values have one.
+    """Fit polynomials of v0 to each parameter of a model, weighted by the standard errors if all values have one.
 
-    `initial_speeds` is in m/s. The degree is 2, or lower if there are fewer than three distinct speeds. If a parameter
-    rests on an infinite bound in the fit to a log, this log is not used for this parameter.
+    `initial_speeds` is in m/s. The degree is 2, or lower if there are fewer than three distinct speeds. If the
+    confidence interval of a parameter in a log has no upper end, this log is not used for this parameter.
     """
     v0 = np.array(initial_speeds) / KMH
     degree = _degree(v0)

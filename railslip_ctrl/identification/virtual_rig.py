@@ -96,7 +96,7 @@ _STEP = 1e-3  # integration step, s
 
 
 def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> Rows:
-    """Simulate rig tests at the same conditions and return their rows as one log, with a pause between tests.
+    """Simulate rig tests under equal conditions and return their rows as one log, with a pause between tests.
 
     `tests` is the number of tests, `seed` the seed of all random numbers. InputError if the flywheels stop before the
     slip reaches `release_slip`.
@@ -203,11 +203,11 @@ class BrakeCourse:
 
 @dataclass(frozen=True)
 class BrakeTrial:
-    """True signals of a brake trial at constant intervals; SI, arrays of one length.
+    """True signals of a brake trial at constant intervals; SI, arrays of equal length.
 
-    `time` has the times of the samples, `speed` is the train speed. `rim_speed` (speed of the circumference), `omega`
-    and `angle` are those of the wheel. `brake_torque` and `adhesion_torque` act on the wheel. The brake is applied at
-    `brake_time`; its release begins at `release_time`.
+    `time` has the times of the samples, `speed` is the train speed. The wheel has the speed `omega`, the `angle`, and
+    the speed `rim_speed` at its circumference. `brake_torque` and `adhesion_torque` act on the wheel. The brake is
+    applied at `brake_time`; its release begins at `release_time`.
     """
 
     time: Floats
@@ -228,7 +228,7 @@ class BrakeTrial:
 
 @dataclass(frozen=True)
 class Measurements:
-    """Sensor signals: `time`, s, brake `torque`, N*m, and the wheel's `omega`, rad/s; arrays of one length."""
+    """Sensor signals: `time` (s), brake `torque` (N*m), wheel speed `omega` (rad/s); arrays of equal length."""
 
     time: Floats
     torque: Floats

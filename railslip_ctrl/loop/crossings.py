@@ -189,9 +189,9 @@ class ExactLoop:
         return bool(next(c for c in gap.coeffs() if c != 0) > 0)
 
     def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
-        """All frequencies > 0, rad/s, of a `kind` (`GAIN`, `SIZE`, `PHASE` or `AXIS`), ascending.
+        """All frequencies > 0, rad/s, of a `kind`, ascending, and their multiplicities.
 
-        Each is a ball of relative width 2^-bits and its multiplicity.
+        `kind` is `GAIN`, `SIZE`, `PHASE` or `AXIS`. Each frequency is a ball of relative width 2^-bits.
         """
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):
@@ -280,9 +280,9 @@ class ExactLoop:
         return turned + zeros - poles - arb(self._dead_time) * omega
 
     def offset(self, kind: str, index: int) -> tuple[int, float]:
-        """Nearest odd number to arg L/pi, and the signed rest, at frequency number `index` of a `kind`.
+        """Nearest odd number to arg L/pi, and arg L/pi minus this number, at frequency number `index` of a `kind`.
 
-        The rest is 0.0 if a precision of `MOST_BITS` does not separate it from zero.
+        The difference is 0.0 if a precision of `MOST_BITS` does not separate it from zero.
         """
         bits = DOUBLE_BITS
         while True:
@@ -353,13 +353,13 @@ class Response:
 
     @cached_property
     def scales(self) -> Floats:
-        """Magnitudes > 0 of zeros and poles, gain crossovers, and 1/dead time, rad/s; only 1 if there are none."""
+        """Nonzero magnitudes of zeros and poles, gain crossovers, and 1/dead time, rad/s; [1] if all are missing."""
         sizes = np.concatenate([np.abs(self.system.roots), self.gain_crossovers, [1 / (self.dead_time or np.inf)]])
         return sizes[sizes > 0] if np.any(sizes > 0) else np.ones(1)
 
     @cached_property
     def crossover_phases(self) -> list[tuple[float, float]]:
-        """Nearest odd number to arg L/pi, and the signed rest, at each of `gain_crossovers`; rest 0 only if L = -1."""
+        """Nearest odd number to arg L/pi, and arg L/pi minus that number (0 only if L = -1), at each gain crossover."""
         return self.phases_at_crossovers()
 
     def phases_at_crossovers(self, *, certain: bool = False) -> list[tuple[float, float]]:
@@ -367,7 +367,7 @@ class Response:
         return [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
 
     def half_turns(self, omega: float, kind: str, index: int, *, certain: bool = False) -> tuple[float, float]:
-        """Nearest odd number to arg L/pi, and the signed rest, at `omega`, rad/s, number `index` of a `kind`."""
+        """The result of `ExactLoop.offset` at `omega`, rad/s; unless `certain`, in double precision if possible."""
         half = self.turned(omega)[0] / math.pi
         odd = 2 * math.floor(half / 2) + 1
         if certain or abs(half - odd) <= self.rounding(omega):
@@ -410,7 +410,7 @@ class Response:
 
     @cached_property
     def _turns(self) -> list[tuple[float, float, float, float]]:
-        """|Re|, Im, sign of the phase slope, and 1 for a zero or -1 for a pole, for each zero and pole of G."""
+        """For each zero and pole of G: |Re|, Im, sign of its phase slope, and 1 for a zero or -1 for a pole."""
         zeros, poles = self._listed_roots
         pairs = [*((root, 1.0) for root in zeros), *((root, -1.0) for root in poles)]
         return [(abs(root.real), root.imag, -sign if root.real > 0 else sign, sign) for root, sign in pairs]
@@ -482,8 +482,8 @@ class Piece(NamedTuple):
     """A frequency interval with monotone |L| and phase, on which |L| - 1 does not change sign.
 
     - low, high: ends of the interval, rad/s, from 0 to infinity.
-    - size, half_turns: (value at `low`, value at `high`) of ln|L| and of arg L/pi; at a pole, a zero, 0 or infinity
-      the limits.
+    - size: ln|L| at `low` and at `high`; at a pole, a zero, 0 or infinity its limit from inside the interval.
+    - half_turns: arg L/pi at `low` and at `high`, or its limits.
     """
 
     low: float
@@ -549,7 +549,7 @@ def frequency_nodes(response: Response) -> Floats:
 
 
 def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = SMALLEST_LISTED) -> list[float]:
-    """List the phase crossovers (arg L = pi modulo 2 pi) with |L| >= `smallest`, and in any case the first 20; rad/s.
+    """List phase crossovers (arg L = pi modulo 2 pi), rad/s: the first 20, and all others with |L| >= `smallest`.
 
     `cut` are the `pieces` of the loop.
     """
@@ -574,7 +574,7 @@ def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = 
 
 
 def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
-    """Frequency, rad/s, at which arg L/pi is `odd`; at `low` and `high`, rad/s, it is `first` and `last`."""
+    """Frequency, rad/s, at which arg L/pi is `odd`; arg L/pi is `first` at `low` and `last` at `high`, both rad/s."""
     target, dead_time = math.pi * odd, response.dead_time
     if math.isinf(high):  # at high frequency the dead time dominates the phase
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
@@ -593,7 +593,7 @@ def phase_crossover(response: Response, low: float, high: float, first: float, l
 
 
 def _until(response: Response, cut: list[Piece], least: float) -> float:
-    """Upper bound on the number of phase crossovers with ln|L| >= `least` on the last interval; inf if none exists."""
+    """Upper bound on the number of phase crossovers with ln|L| >= `least` on the last interval; may be inf."""
     last = cut[-1]
     if last.size[1] >= least:
         return math.inf

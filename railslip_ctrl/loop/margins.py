@@ -202,7 +202,7 @@ SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))  #: (a, b): (a + b L)/(1 + L) is 
 
 
 def heights(loop: Complexes) -> Floats:
-    """Magnitudes |S|, |T| and |S - 1/2| from L, (3, n)."""
+    """Magnitudes |S|, |T| and |S - 1/2|, shape (3, n), from n values of L."""
     s = 1 / (1 + loop)
     return np.abs([s, loop * s, s - 0.5])
 
@@ -473,10 +473,10 @@ def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[
 
 
 def by_distance(factors: Iterable[float], counts: Iterable[float]) -> list[tuple[tuple[float, float], float]]:
-    """Divide the gain factors from 0 to infinity at `factors`, ascending; return the intervals, nearest to 1 first.
+    """Divide the gain factors from 0 to infinity at the ascending `factors`; return the intervals, nearest to 1 first.
 
-    Each number in `counts` belongs to an interval, in ascending order, and is returned with it. Empty intervals are
-    left out.
+    `counts` has one number for each interval in ascending order; each interval is returned with its number. Empty
+    intervals are left out.
     """
 
     def distance(found: tuple[tuple[float, float], float]) -> float:

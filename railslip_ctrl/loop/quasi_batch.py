@@ -1,7 +1,7 @@
 """Number of unstable zeros of many quasi-polynomials at once, by the argument principle.
 
-The change of the phase of F(j omega) along the frequency axis gives the number of zeros of F. It is summed over
-intervals on which a bound on dF/ds proves that the phase changes by less than 90 deg from the middle to an end.
+The change of the phase of F(j omega) along the frequency axis gives the number of zeros of F. The axis is
+divided into intervals so short that, by a bound on dF/ds, the phase changes by less than 90 deg from middle to end.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the fi
 class QuasiPolynomials:
     """Arrays of n quasi-polynomials F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
 
-    - terms: sequence of arrays (n, m_k); coefficients of the polynomials c_k in descending powers of s. The highest
-      power of all is in c_0.
+    - terms: sequence of arrays (n, m_k); coefficients of the polynomials c_k in descending powers of s. No c_k
+      has a higher degree than c_0.
     - delays: sequence of arrays (n,), one per term; s, >= 0; 0 for c_0.
-    - removed: exponent of s^-removed, as in `QuasiPolynomial`.
+    - removed: power of s by which the sum is divided, as in `QuasiPolynomial`.
     """
 
     terms: tuple[Floats, ...]
@@ -41,7 +41,7 @@ class QuasiPolynomials:
     removed: int = 0
 
     def at(self, omega: Floats, row: Rows) -> Complexes:
-        """Values F(j omega) of the functions with the indices `row`; `omega`, rad/s, and `row` have one shape."""
+        """Values F(j omega) of the functions with the indices `row`, at frequencies `omega`, rad/s; both (N,)."""
         value, square = np.zeros(omega.size, dtype=complex), -omega * omega
         for c, delay in zip(self.terms, self.delays, strict=True):
             term = _horner(c[:, ::-1][:, ::2], square, row) + 1j * omega * _horner(c[:, ::-1][:, 1::2], square, row)
@@ -79,7 +79,7 @@ class QuasiPolynomials:
         return QuasiPolynomials(self.terms, self.delays)
 
     def slope(self) -> QuasiPolynomials:
-        """Derivatives dF/ds as quasi-polynomials; `removed` is 0 if it is 0 in F, else one more than in F."""
+        """Derivatives dF/ds as quasi-polynomials; their `removed` is that of F plus 1, or 0 if that of F is 0."""
         parts = []
         for c, delay in zip(self.terms, self.delays, strict=True):
             change = -delay[:, None] * c

@@ -263,7 +263,7 @@ def _named(expression: sp.Expr, derivation: Derivation) -> sp.Expr:
 
 
 def _random_force(derivation: Derivation) -> Erratum:
-    """Erratum: if Fr is the random adhesion force, it enters the plant once, through Tr, but [Park2008] (35) twice."""
+    """Erratum: if Fr is the random adhesion force, (35) contains it twice, as Fr and in Tr, but the plant once."""
     force = sp.Symbol("F_random", real=True)
     twice = printed.s_rate.subs({plant.Fr: force, plant.Tr: plant.r * force})
     once = derivation.s_rate.subs({plant.Fr: 0, plant.Tr: plant.r * force})
@@ -465,7 +465,7 @@ def _duration() -> Erratum:
 
 
 def _least_time(scale: float, v0: float, v1: float) -> float:
-    """Braking time from v0 to v1 at peak adhesion, s; after the mass step the rail is wet and the vehicle loaded."""
+    """Braking time, s, from v0 to v1 at peak adhesion; at `MASS_STEP_TIME` the rail gets wet and the mass rises."""
     load = PARK2008.wheel_load
     dry = printed.PEAK_ADHESION["dry"] * load / (scale * PARK2008.mass)
     wet = printed.PEAK_ADHESION["wet"] * load / (scale * PARK2008.mass_loaded)
@@ -474,7 +474,7 @@ def _least_time(scale: float, v0: float, v1: float) -> float:
 
 
 def errata(derivation: Derivation) -> tuple[Erratum, ...]:
-    """Compare all checked equations and numbers of [Park2008] with ours; `derivation` is that of the published law."""
+    """Compare all checked equations and numbers of [Park2008] with ours; `derivation` derives the published law."""
     return (
         *(_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer()),
         compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,)),

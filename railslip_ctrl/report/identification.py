@@ -323,8 +323,8 @@ def polynomials_toml(
     """Return an adhesion law as TOML text whose parameters are polynomials in the initial speed v0, km/h.
 
     - law: adhesion law; only its name and its rail condition are used.
-    - coefficients: by parameter name, coefficients of 1, v0, v0^2; the parameter is then in SI.
-    - references: reference slip ratios by v0, km/h; may be empty.
+    - coefficients: for each parameter name, the coefficients of 1, v0, v0^2; values of the polynomial are in SI.
+    - references: reference slip ratios for each v0, km/h; may be empty.
     - speeds_kmh, wheel_load, comments: as in `law_toml`.
     """
     lines = _head(law, wheel_load, speeds_kmh, comments)
@@ -479,7 +479,7 @@ class ObservedRows:
         self._path, self._radius, self._rows = path, radius, rows
 
     def __call__(self, samples: Observed) -> None:
-        """Store samples; successive calls must follow the order of time."""
+        """Store samples; each call must pass later samples than the call before."""
         torque = samples.mu * self._radius * samples.load
         columns = (samples.time, samples.speed / KMH, samples.slip, samples.load, torque, samples.mu)
         self._rows.write(np.column_stack(columns).tobytes())

@@ -29,7 +29,7 @@ def members(record: Any) -> dict[str, Any]:
 
 
 def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
-    """Return all numbers in a record, and in the records and tuples inside it, by path, with `prefix` in front."""
+    """Return paths and numbers of a record and of all records and tuples inside it; paths begin with `prefix`."""
     units: dict[str, str] = {}  # units of the members whose type allows a number
     if isinstance(record, Record):
         units = record.units()
@@ -47,9 +47,10 @@ def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
 
 
 def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
-    """Return a copy of a record with new numbers, given by path in the units of the record.
+    """Return a copy of a record with some numbers replaced.
 
-    `where` names the record in messages. InputError for a number that the record does not allow.
+    `changes` maps dotted paths to new numbers in the units of the record. `where` names the record in messages.
+    InputError for a number that the record does not allow.
     """
     new: dict[str, Any] = {}
     inner: dict[str, dict[str, float]] = {}

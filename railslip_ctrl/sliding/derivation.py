@@ -2,7 +2,7 @@
 
 Symbols are those of `core.notation` and `sliding.proof`: real SymPy symbols, with `sympy.sign` for sgn. Tb > 0 brakes,
 theta_tilde = theta - theta_hat. The plant is `plant.WHEEL`, `plant.TRAIN`, `plant.SLIP_VELOCITY`. The surface (33), the
-reaching law and the Lyapunov function V are chosen. Everything else is derived, and a machine check decides each step.
+reaching law and the Lyapunov function V are chosen. Everything else is derived, and SymPy checks each step.
 The record `Derivation` extends `Adaptation`, which extends `Reaching`.
 """
 
@@ -33,7 +33,7 @@ UNCERTAIN = {plant.Tr: 0, plant.Fr: 0, plant.Td: 0}
 
 
 def derive_surface(reference: Reference) -> dict[str, Any]:
-    """Derive the sliding variable s and its rate s' for a reference; return the fields of `Reaching` by name."""
+    """Derive the sliding variable s and its rate s' for a reference; return some fields of `Reaching`."""
     plant_step, train, wheel = accelerations()
     motion, slip_velocity = plant.motion(), plant.SLIP_VELOCITY.rhs
     # v' stays a symbol, so that a measured v' can replace it
@@ -217,7 +217,7 @@ class Lyapunov:
 
 @dataclass(frozen=True)
 class Adaptation(Reaching, Lyapunov):
-    """`Reaching`, with the adaptive law and the Lyapunov function for one scalar gain k and for two gains k1, k2."""
+    """Extends `Reaching` by the adaptive law and the Lyapunov function, for one gain k and for two gains k1, k2."""
 
     theta: tuple[sp.Expr, ...]
     adaptive_law_control: sp.Expr
@@ -360,8 +360,9 @@ class Derivation(Adaptation):
 
     Torques are in N*m, s' is in m/s^2. Numbers in parentheses are equations of [Park2008].
 
-    - reference: "proportional" or "constant"; adhesion: name of the adhesion law, None if Ta is an argument.
-    - steps: steps in order.
+    - reference: "proportional" or "constant", as in `derive`.
+    - adhesion: name of the adhesion law, None if Ta is an argument.
+    - steps: steps of the derivation, from first to last.
     - s: surface as a function of e and e_integral, (33).
     - error, reference_rate: e as a function of v, sigma and the reference; sigma_d'.
     - s_rate: s' in (Ta, Tr, Fr, Tb, Td, omega, v_rate, e) with M, J, B, r, (35).
@@ -370,18 +371,18 @@ class Derivation(Adaptation):
     - equivalent_control, robust_term, control_law: Ueq (36), Ur (41), Tb (43).
     - reaching: s' under Ueq + Ur, with Ur as a symbol, (37).
     - closed_rate, reaching_product: s' and s s' under `control_law` with the disturbances, (42).
-    - theta: true values of the unknown coefficients in r, J, Mn, Mp, Bp, (44) corrected.
+    - theta: true values of the unknown coefficients, as functions of r, J, Mn, Mp, Bp; (44) with its error corrected.
     - phi: the regressor (Ta, omega).
     - adaptive_law_control: Tb with Mn, Bn and theta_hat, (45).
-    - error_dynamics: s' under this law in theta_tilde, with disturbances.
+    - error_dynamics: s' under `adaptive_law_control` and disturbances, as a function of theta_tilde.
     - V: s^2/2 + theta_tilde1^2/(2 k) + theta_tilde2^2/(2 k), (46).
-    - V_rate: V' under the law without disturbances, for any theta_hat' and theta_tilde, (47).
+    - V_rate: V' under `adaptive_law_control` without disturbances, for any theta_hat' and theta_tilde, (47).
     - cross_term: terms of V_rate that contain theta_tilde, (48).
     - adaptation: theta_hat' for which the cross term vanishes for every theta_tilde, (49).
     - V_rate_final: V' with this adaptation, -(r/J)(D s^2 + K |s|); V_rate_disturbed: V' with disturbances too.
     - V_matrix, adaptation_matrix: V and adaptation with two gains, k1 and k2, of consistent units.
     - estimation_disturbance: change of s' if estimates Ta_hat and v_rate_hat replace Ta and v_rate.
-    - adhesion_torque: Ta of the adhesion law in v, sigma, z, N and its parameters; None without a law.
+    - adhesion_torque: Ta as a function of v, sigma, z, N and the adhesion law's parameters; None without a law.
     - adhesion_state_rate: z', m/s, of a dynamic adhesion law; None otherwise.
     - law_in_adhesion: `adaptive_law_control` with Ta replaced by `adhesion_torque`.
     """

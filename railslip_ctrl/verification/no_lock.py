@@ -5,11 +5,11 @@ and (4)
 
     v slip' = -(1 - slip)(Fa + Fr)/M + (r/J)(B omega + (1 + c) T - r Fa),
 
-where c T is the largest disturbance torque of the caliper. The larger Fa, the smaller the slip rate. Therefore the slip
-is at most the solution in which Fa is, in each cell of slip and speed, the least adhesion force minus the bound of the
-random force. This solution is computed in steps, each with the largest rate in the step. Interval arithmetic gives the
-least Fa. The rest uses floats, whose rounding `_ROUNDING` covers. The certificate excludes locking, but it does not
-prove that the slip converges.
+where c T is the largest disturbance torque of the caliper. The larger Fa, the smaller the slip rate. An upper bound on
+the slip is therefore the solution with a smaller force instead of Fa: the smallest adhesion force in the cell of slip,
+at the initial and all lower speeds, minus the bound of the random force. The solution is computed in time steps, with
+the largest slip rate in each step. Interval arithmetic gives the smallest adhesion force. The rest uses floats, whose
+rounding `_ROUNDING` covers. The certificate excludes locking, but it does not prove that the slip converges.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _ROUNDS, _TRIED = 2, 51  # refinement rounds, and torques tried in each; resolut
 
 @dataclass(frozen=True)
 class Force:
-    """Bounds of Fa, N, for all speeds from `_LEAST_SPEED` up to each value of `speeds`, m/s, ascending.
+    """Bounds of Fa, N. Row i holds for all speeds from `_LEAST_SPEED` to `speeds[i]`, m/s; `speeds` ascends.
 
     - least: lower bound in each cell of slip from 0 to 1, (speeds, cells); 0 for cells beyond the law's domain.
     - most: upper bound over all slips, (speeds,).
@@ -98,10 +98,10 @@ def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Float
 
 
 def released_run(run: Run, *, above: float) -> ReleasedRun:
-    """Check every `EVERY` s of a recorded run, at speeds > `above`, m/s, whether locking is excluded after a release.
+    """Check for a recorded run, every `EVERY` s, whether locking is excluded if the brake is released at this time.
 
-    The check uses the rail at the start of the run and the vehicle's actuator. InputError for an adhesion law with a
-    state, or without interval enclosure.
+    Only speeds > `above`, m/s, are checked. The check uses the vehicle's actuator and the rail at the start of the run.
+    InputError if the adhesion law has a state or cannot be evaluated with intervals.
     """
     assert run.signals is not None, "the run is recorded"
     vehicle, seen, period = run.scenario.vehicle, run.signals, float(run.signals.time[1])
@@ -115,9 +115,10 @@ def released_run(run: Run, *, above: float) -> ReleasedRun:
 
 
 def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torques: Floats) -> Flags:
-    """Return True for each wheel that certainly does not lock; speeds, m/s, slips and acting torques, N*m, are (n,).
+    """Return True for each wheel that certainly does not lock after a release of the brake.
 
-    A negative slip counts as 0, which is the worse case. InputError for a speed above the speeds of `force`.
+    `speeds` (m/s), `slips` and acting `torques` (N*m) have the shape (n,). A negative slip counts as 0, the worse
+    case. InputError for a speed above the speeds of `force`.
     """
     J, M, r = vehicle.effective_inertia, vehicle.effective_mass, vehicle.wheel.radius
     noise = SIGMAS * ADHESION_NOISE * vehicle.wheel_load

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "0fd0e440f5743ca3b7655d4117868ebdc645941dac3072b184a37bb3e1accc89"
+SOURCES_SHA256 = "aaee82aaa7a34a07fd57407ff7f7cdcdb03764f370be7d3890b7db3971abf621"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -62,7 +62,7 @@ def law_class(name: str) -> type[AdhesionLaw]:
 def published_law(
     name: str, rail: Rail | str, initial_speed_kmh: float = INITIAL_SPEED_KMH, wheel_load: float = PARK2008.wheel_load
 ) -> AdhesionLaw:
-    """Adhesion law with its published parameters, by name.
+    """Return an adhesion law with its published parameters.
 
     - name: one of `law_names`. [Park2008] gives parameters for "beam" ((5)-(10), Table 1), "bristle" ((19)-(24),
       (30)-(32)) and "curve" (Fig. 17). The attribute `source` of a law names its publication.
@@ -80,7 +80,7 @@ def published_law(
 
 @checked
 def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_KMH * KMH) -> AdhesionLaw:
-    """Published adhesion law `name` for dry rail, scaled by `in_reading`.
+    """Return the published adhesion law `name` for dry rail, scaled by `in_reading`.
 
     - vehicle: quarter car; its wheel load and inertia scale are used.
     - initial_speed: v0, m/s, within 30 to 140 km/h.
@@ -93,7 +93,7 @@ def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_
 
 @checked
 def in_reading(law: AdhesionLaw, vehicle: Vehicle) -> AdhesionLaw:
-    """Multiply the stiffness alpha of a published dynamic `law` by the inertia scale of the `vehicle`, like M, J, B."""
+    """Multiply the stiffness alpha of a published dynamic `law` by the inertia scale of the `vehicle`."""
     if law.has_state and vehicle.inertia_scale != 1.0:
         law = law.model_copy(update={"alpha": vehicle.inertia_scale * law.alpha})  # type: ignore[attr-defined]
     return law
@@ -134,7 +134,7 @@ class LawFile(Record):
 
 
 class SlipsOverSpeed(Record):
-    """Table `[reference_slip]` with slips that depend on v0; between the speeds they are interpolated linearly."""
+    """Table `[reference_slip]` with slips that depend on v0; slips between the speeds are interpolated linearly."""
 
     initial_speed: tuple[float, ...] = quantity("km/h", "initial speeds v0, ascending")
     dry: tuple[float, ...] = quantity("1", "slip ratios at these speeds, dry rail")
@@ -156,8 +156,8 @@ class SlipsOverSpeed(Record):
 def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> AdhesionLaw:
     """Load an adhesion law from its file or by its name.
 
-    - path: a TOML file with the keys of `LawFile`; a Python file, which is run and must define `LAW`; or one of
-      `law_names`, for the published law for dry rail.
+    - path: a TOML file with the keys of `LawFile`; a Python file, which is run and must define `LAW`; or a name in
+      `law_names`, which gives the published law for dry rail.
     - initial_speed_kmh: v0, km/h; required if values in the file depend on v0; by default 100 for a published law.
 
     InputError: the file cannot be read, or a key or value in it is not allowed.
@@ -216,7 +216,7 @@ def wheel_load_in(path: str | Path) -> float | None:
 
 @checked
 def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
-    """Lowest and highest v0, km/h, of the log for the law in the file `path`; None if the file gives no range."""
+    """Lowest and highest v0, km/h, of the logs to which the law in the file `path` was fitted; None if not given."""
     limits = _keys(given_path(path)).initial_speed_range
     return (limits[0], limits[1]) if limits else None
 

@@ -120,7 +120,7 @@ def _each_alone(s: Floats, c: float, gamma: float) -> Floats:
 
 
 def _close_together(s: Floats, c: float, gamma: float) -> int:
-    """Number of first elements of `s` that are close enough to each other for `_in_steps`."""
+    """Number of leading elements of `s` with gaps that are small enough for `_in_steps`."""
     if s.size < 2 or s[0] != 0:
         return 0
     gap = np.diff(s)
@@ -132,7 +132,7 @@ def _close_together(s: Floats, c: float, gamma: float) -> int:
 
 
 def _in_steps(s: Floats, c: float, gamma: float) -> Floats:
-    """Compute each integral from the integral up to the slip velocity before."""
+    """Integrals up to each slip velocity in `s`, each computed from the integral up to the previous one."""
     if s.size < 2:
         return np.zeros(s.size)
     gap, end = np.diff(s), s[1:]
