@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "471754c1f68465b55b1218996d4d46d63ebbbe047bfa584bf0a51f0574d9bba8"
+SOURCES_SHA256 = "ac12f26a8c8c542181914b1b3ff39e701516fcd0be7b14271df0f81e1e98d109"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
