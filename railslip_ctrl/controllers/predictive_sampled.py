@@ -216,7 +216,7 @@ class SampledLaw:
 def sampled_laws(
     law: Any, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
 ) -> Iterator[tuple[Rows, SampledLaws]]:
-    """Yield the n sampled loops in groups of equal order; a group is the indices of its loops and the loops.
+    """Yield groups of sampled loops of equal order: the indices of the loops, and the loops.
 
     `law` is a `Predictive`. Loop i has operating point case[0][i] of `points` and actuator case[1][i] of `brakes`.
     """

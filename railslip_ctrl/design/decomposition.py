@@ -484,8 +484,9 @@ class Decomposition:
         turned = limit * self.dead_time
         if turned > _MOST_TURNED:
             raise InputError(
-                f"plant: the gain falls too slowly: the crossover may be at {limit:.3g} rad/s, where the phase of the "
-                f"dead time {self.dead_time:g} s is {turned:.3g} rad, more than {_MOST_TURNED:g}; add the actuator's lag"
+                f"plant: the gain falls too slowly: the crossover may be at {limit:.3g} rad/s, where the dead time "
+                f"{self.dead_time:g} s has a phase of {turned:.3g} rad, more than {_MOST_TURNED:g}; add the actuator's "
+                "lag"
             )
         return limit
 
@@ -499,7 +500,7 @@ def _even(polynomial: fmpq_poly) -> fmpq_poly:
 
 
 def _may_rise(omega: Floats, slope: Floats, size: Floats) -> Flags:
-    """Return True at frequencies at which `slope` may be >= 0; `size` scales the rounding errors."""
+    """Return True at frequencies where `slope` may be >= 0; `size` scales the rounding errors."""
     # Re ds/dk of a pole s = j omega has the opposite sign of the slope: where it may rise, poles may move to the left
     return np.asarray(slope * omega > -_SURELY_FALLING * size)
 

@@ -388,7 +388,7 @@ class StructureChoice:
     - reach_s: time, s, in which the integral term builds up the torque that holds the reference slip.
     - stop_s: time, s, of a stop from the envelope's initial speed with the adhesion of the operating point. Both times
       belong to the operating point at the highest speed with the largest ratio of `reach_s` to `stop_s`.
-    - adhesion_share: adhesion at the candidate's reference slip over adhesion at the envelope's, smallest ratio.
+    - adhesion_share: smallest ratio of adhesion at the candidate's reference slip to adhesion at the envelope's.
     - lead_filter: time constant of the lead's filter, s.
     """
 

@@ -67,7 +67,7 @@ def _design(request: Request) -> tuple[str, dict[str, float], ReferenceSlip | No
     kind, values, slips = map(sent.get, ("kind", "values", "reference")) if isinstance(sent, dict) else (None,) * 3
     if not isinstance(kind, str) or not isinstance(values, dict) or not isinstance(slips, dict | None):
         raise InputError(
-            "design: a part is missing or of a wrong type; give kind (a text), values (the number of each parameter) "
+            "design: a part is missing or of a wrong type; give kind (a text), values (numbers with parameter names) "
             "and reference (dry and wet)"
         )
     reference = slips and ReferenceSlip(**{rail: sized(f"{rail} slip", slip) for rail, slip in slips.items()})

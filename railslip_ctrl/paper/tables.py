@@ -145,7 +145,7 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
 
 
 def published_runs(*, seed: int = 0) -> dict[str, Run]:
-    """Simulate each column of Table 5 once; return its run under its name, with every 20th step recorded."""
+    """Simulate each column of Table 5 once; return the runs by column name. Every 20th step is recorded."""
     setups = [published_setup(case) for case in CASES]
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=20) for s in setups}
 

@@ -47,8 +47,8 @@ def verify(
       that of `Predictive.for_vehicle`.
     - D: gain on s, 0.1 to 1e4, N*m/(m/s); by default that of Table 4. The predictive law has no D.
     - seed: first seed of sampled and simulated conditions, 0 to 2^31.
-    - adhesion: static adhesion law, rails and reference slip for the predictive law. The static curve
-      of the bristle model replaces this model. The other laws are verified only with the bristle model on both rails.
+    - adhesion: static adhesion law, rails and reference slip for the predictive law. The bristle model is replaced by
+      its static curve. The other laws are verified only with the bristle model, on both rails.
     - actuator: False leaves out the conditions with the actuator; no effect for the predictive law.
 
     InputError for a value outside its range, or an argument that the law does not use.

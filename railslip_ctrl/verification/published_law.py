@@ -204,7 +204,7 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
     """Decide whether the reaching condition, [Park2008] (40), holds over the published run.
 
-    The random force is bounded at one standard deviation. The result also has the least K for other ranges of operation.
+    The random force is bounded at one standard deviation. The result has the least K for other operating ranges too.
     """
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "ac12f26a8c8c542181914b1b3ff39e701516fcd0be7b14271df0f81e1e98d109"
+SOURCES_SHA256 = "4c218f75c083c2767f46acd72a29c9a2283c7d552b1c227a2313b0ca325b810d"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -53,7 +53,10 @@ class Burckhardt(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """Equations without `sign` and exp(-x), x = c2 lambda: 1 - exp(-x) = 2 t/(1 + t) with t = tanh(x/2)."""
+        """Equations in t = tanh(x/2), x = c2 lambda, with 1 - exp(-x) = 2 t/(1 + t).
+
+        exp can overflow, and `sign` has no derivative at 0.
+        """
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol

@@ -33,7 +33,7 @@ _FARTHEST = 1.5  # end of the search for the event's boundary, relative to a poi
 
 @by_content
 class Levels(NamedTuple):
-    """Thresholds of n levels, (n,), and step sizes of their Markov chains, ratios, (n,); 1 draws independent points."""
+    """Thresholds and step sizes (ratios) of the Markov chains of n levels, (n,); step size 1: independent points."""
 
     thresholds: Floats
     steps: Floats
@@ -44,7 +44,7 @@ class Repeat(NamedTuple):
     """One independent estimate by subset simulation.
 
     - thresholds: threshold of each level, (levels,).
-    - shares: share of the points of the previous level that reach the threshold of each level, (levels,).
+    - shares: share of the previous level's points that reach the threshold of a level, (levels,).
     - accepted: share of accepted moves in each level, (levels,).
     - values: values of the first points, then of the points of each level, (levels + 1, n); -inf if no point
       reached the level.
@@ -202,7 +202,7 @@ def importance(limit_state: LimitState, inputs: int, rng: Any, threshold: float,
 
 
 def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -> float:
-    """Return the share of random pairs of `points` whose mean direction, at mean length, misses the event.
+    """Return the share of random pairs of `points` for which the point at mean direction and length lacks the event.
 
     All `points`, (n, inputs), have the event. A large share means that the event has several separate regions.
     """
