@@ -95,10 +95,10 @@ def command(
 ) -> None:
     """Recommend a slip controller for a vehicle over its envelope of speeds, rails, loads and tolerances.
 
-    The report states the lowest speed at which to use the controller, how it brakes, and the reasons. Your own gains or
-    controller are simulated in the same stops, and are judged if they have margins. The first page of report.html takes
-    a minute to read. recommended.toml is the recommended controller, a file for simulate and margins. Exit status 0 for
-    every result, or 2 for bad input or a folder that cannot be written to.
+    The report states the lowest speed at which to use the controller, how it brakes, and the reasons. If you give gains
+    or a controller, the report simulates the stops with them too, and judges them if they have margins. The first page
+    of report.html takes a minute to read. The file recommended.toml contains the recommended controller; simulate and
+    margins accept it. Exit status 0 for every result, or 2 for bad input or a folder that cannot be written to.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """

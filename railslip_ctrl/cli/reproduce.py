@@ -49,8 +49,8 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     """Compare the tables and figures of [Park2008] with the results of this software.
 
     Shows the sixteen numbers of Table 5, the units with which they can be reproduced, the parts of Table 3 that can be
-    checked, and other published facts of the runs. Exit status 1 if a number of Table 5 is out of tolerance, 2 for bad
-    input.
+    checked, and further facts about the published runs. Exit status 1 if a number of Table 5 is out of tolerance, 2
+    for bad input.
 
     Example: railslip reproduce --seeds 16 --out reproduced
     """

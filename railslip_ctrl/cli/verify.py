@@ -56,14 +56,14 @@ def command(
     cases: CaseOptions,
     as_json: bool,
 ) -> None:
-    """Decide which stability conditions of the sliding-mode law hold, with method and evidence.
+    """Decide which stability conditions of a sliding-mode law hold, and show method and evidence.
 
-    Exit status 1 if a condition fails or cannot be decided, 2 for bad input. Several conditions of the published law
-    fail; conditions of the robust variants fail if they include the actuator.
+    Exit status 1 if a condition fails or cannot be decided, 2 for bad input. The published law fails several
+    conditions. Its robust variants fail the conditions that include the actuator.
 
-    The predictive law is verified over a box of speed, slip and load, for any static adhesion law and vehicle, on the
-    given rails; the bristle model is replaced by its static curve. The reference slip comes from the adhesion file or
-    from --slip. The other laws take --vehicle but no --adhesion, because they contain the bristle model.
+    The predictive law is verified over ranges of speed, slip and load, on the given rails, for any vehicle and any
+    static adhesion law. The bristle model is replaced by its static curve. The reference slip comes from the adhesion
+    file or from --slip. The other laws take --vehicle but no --adhesion, because they contain the bristle model.
     --inertia-scale must be 0.5 to 10.
 
     Example: railslip verify --law predictive

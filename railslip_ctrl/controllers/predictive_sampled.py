@@ -61,7 +61,10 @@ class SampledLaws:
         return float(self.law.period)
 
     def parts(self, omega: Floats, row: Rows) -> tuple[Complexes, Complexes]:
-        """Return D and N of the loops `row`, (n,), at frequencies `omega`, rad/s, (n, k) or (1, k), up to pi/h."""
+        """Return D and N of the loop gain L = N/D, for the loops with indices `row`, (n,).
+
+        `omega`, rad/s, (n, k) or (1, k), is at most pi/h, with the sampling period h.
+        """
         law, h = self.law, self.period
         turn = 1j * omega * h
         w, z = np.expm1(turn), np.exp(turn)
@@ -143,7 +146,7 @@ class SampledLaw:
         return self.of.period
 
     def response(self, omega: Floats) -> Complexes:
-        """Return L at frequencies `omega`, rad/s, 1-D, up to pi/h."""
+        """Return the loop gain L at `omega`, rad/s, 1-D, at most pi/h with the sampling period h."""
         own, wheel = self.of.parts(np.asarray(omega)[None, :], np.zeros(1, dtype=np.intp))
         return np.asarray((wheel / own)[0])
 
@@ -160,8 +163,8 @@ class SampledLaw:
     def responses(self, end: float, points: int, *, reference: float, torque: float) -> tuple[Floats, Floats, Floats]:
         """Return times, s, and two step responses of the slip velocity, m/s: to the reference and to a torque.
 
-        There are at most `points` times, at sampling instants up to `end`, s. The steps are those of the reference slip
-        velocity, `reference`, m/s, and of a disturbance torque at the wheel, `torque`, N*m.
+        There are at most `points` times, at sampling instants up to `end`, s. The reference slip velocity steps by
+        `reference`, m/s; the disturbance torque at the wheel steps by `torque`, N*m.
         """
         every = max(math.ceil(end / (points * self.period)), 1)
         later = np.linalg.matrix_power(self._sample(), every)
@@ -213,7 +216,7 @@ class SampledLaw:
 def sampled_laws(
     law: Any, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
 ) -> Iterator[tuple[Rows, SampledLaws]]:
-    """Yield the n sampled loops in groups of the same order: the indices of the loops of a group, and the loops.
+    """Yield groups of sampled loops of equal order: the indices of the loops, and the loops.
 
     `law` is a `Predictive`. Loop i has operating point case[0][i] of `points` and actuator case[1][i] of `brakes`.
     """
@@ -233,10 +236,11 @@ def sampled_laws(
 
 @lru_cache(KEPT)
 def linear_wheel(point: OperatingPoint) -> Floats:
-    """Return the linear wheel with the train as a matrix, (m + 1, m + 2), for a constant train speed.
+    """Return the linearised motion of wheel and train as a matrix, (m + 1, m + 2).
 
     The m + 1 states are the slip velocity, the state of the adhesion law if it has one, and the train speed. A row
-    contains the rate of a state; the columns belong to the m + 1 states and the acting torque.
+    gives the rate of one state; the columns belong to the m + 1 states and the acting torque. The rates do not depend
+    on the train speed.
     """
     plant, moving = linearize(point), linearize(point, speed_state=True)
     m = len(plant.states)

@@ -1,4 +1,4 @@
-"""Dataclasses that compare by content: arrays element by element, NaN equal to NaN, also in nested values."""
+"""Dataclasses whose `==` compares arrays element by element, also in nested values; NaN equals NaN."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, **options):
-        """Make a dataclass, as `dataclasses.dataclass`, with `==` and, if frozen, `hash` by content."""
+        """Make a dataclass like `dataclasses.dataclass`; `==`, and `hash` if it is frozen, use the content."""
         if cls is None:
             return lambda given: dataclass(given, **options)
         own = vars(cls)

@@ -6,13 +6,13 @@ With R(s) = exp(tau s)/P(s) + B(s), the closed loop has a pole at s = j omega if
 
     R(j omega) + kp A(j omega) + ki/(j omega) = 0.
 
-These are two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). This curve and the line
-ki = 0 (a pole at the origin) divide the (kp, ki) plane into cells. In each cell the number of unstable poles is
-constant ([Gryazina2008]).
+These are two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). For all omega > 0 they
+give a curve. The curve and the line ki = 0 (a pole at the origin) divide the (kp, ki) plane into cells. In each cell
+the number of unstable poles is constant ([Gryazina2008]).
 
 With dead time the curve has infinitely many branches, of which only finitely many can bound a stable cell. The argument
 of the characteristic function turns by -tau omega wherever |L| > 1. The n poles and m zeros of the plant, those of the
-controller and at most n + 2 gain crossovers can balance only a finite turn. Therefore the loop has unstable poles if
+controller and at most n + 2 gain crossovers can compensate only a finite angle. Hence the loop has unstable poles if
 
     tau * measure of {omega > 0: |L(j omega)| > 1} >= pi (2 n + m + 7).
 
@@ -54,9 +54,9 @@ _NOTHING = 1e-80  # smaller |kappa|, near omega = 0, is replaced by its limit 0;
 def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, highest: float) -> Floats:
     """Return all frequencies omega, rad/s, at which F(s) exp(tau s) + G(s) is real for s = j omega.
 
-    `factor` is the polynomial F, not 0, and `other` the polynomial G; Im G must not change its sign over omega > 0. The
-    search ends at `highest`, rad/s, which may be infinite without dead time. Roots of F are left out. The result is
-    empty if the function is real at every frequency.
+    The polynomial F is `factor`, which must not be 0, and G is `other`; tau is `dead_time`, s. Im G(j omega) must not
+    change its sign over omega > 0. The search ends at `highest`, rad/s, which may be infinite if tau = 0. Roots of F
+    are left out. The result is empty if the function is real at every frequency.
     """
     if dead_time == 0:
         factor, other = factor + other, fmpq_poly([0])
@@ -87,7 +87,7 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
 
 
 def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]:
-    """Divide 0 < omega < `highest`, rad/s, at edges and jumps; return lower and upper ends, which exclude the jumps."""
+    """Divide 0 < omega < `highest`, rad/s, at `edges` and `jumps`; return the ends of the parts, just off the jumps."""
     every = np.union1d(edges, jumps)
     every = every[every < highest]
     jump = np.isin(every, jumps)
@@ -123,7 +123,7 @@ def _between(low: Floats, high: Floats) -> Floats:
 
 
 class _Angles:
-    """Angles phi + asin kappa and phi - asin kappa of F and G, in half turns, and their turning points."""
+    """Angles phi + asin kappa and phi - asin kappa, with phi = tau omega + arg F and kappa = Im G/|F|."""
 
     def __init__(self, factor: fmpq_poly, other: fmpq_poly, dead_time: float) -> None:
         self._dead_time = dead_time
@@ -161,7 +161,7 @@ class _Angles:
     def half_turns(self, omega: Floats, side: int, ends: Floats | None = None) -> Floats:
         """Return (phi + asin kappa)/pi for `side` 0, (phi - asin kappa)/pi for `side` 1.
 
-        `omega` may be 0 or infinite. At the frequencies `ends` |kappa| is 1.
+        `omega` may be 0 or infinite. `ends` are frequencies at which |kappa| = 1.
         """
         inner = np.clip(omega, 1e-100, 1e100)
         phase = angle_sum(self._roots, inner) / np.pi + self._turned + self._dead_time * inner / np.pi
@@ -223,7 +223,7 @@ def stable_intervals(
 
 
 def probe(low: float, high: float, scale: float) -> float:
-    """Return a gain between two others, either of which may be infinite."""
+    """Return a gain between `low` and `high`, which may be infinite; `scale` is a typical gain."""
     if math.isinf(low) and math.isinf(high):
         return scale
     if math.isinf(low):
@@ -256,8 +256,8 @@ _SURELY_FALLING = 1e-9  # relative slope below which rounding may change the dir
 class CriticalGains:
     """Values of one gain at which closed-loop poles are on the imaginary axis, ascending.
 
-    As the gain rises, poles may move to the left at the values marked `leftward`; at all others a pair moves to the
-    right. No gain with magnitude above `complete_to` stabilises.
+    As the gain rises, poles may move to the left at the values marked `leftward`; at all other values a pair moves to
+    the right. No gain with magnitude above `complete_to` stabilises.
     """
 
     values: Floats
@@ -290,7 +290,7 @@ class Decomposition:
         return _controller(kp, ki, self.derivative_gain + kp * self.derivative_time, self.derivative_filter)
 
     def inverse(self, omega: Floats) -> Complexes:
-        """Return R(j omega) of the module's equation for omega > 0, rad/s."""
+        """Return R(j omega) as in the module docstring, for `omega` > 0, rad/s."""
         delayed = self._delayed(omega)
         return delayed + self.derivative_gain * self._derivative(omega) if self.derivative_gain else delayed
 
@@ -301,11 +301,11 @@ class Decomposition:
             return np.asarray(value / plant.gain * np.exp(1j * omega * self.dead_time))
 
     def proportional(self, omega: Floats) -> Complexes | float:
-        """Return A(j omega) of the module's equation for omega, rad/s."""
+        """Return A(j omega) as in the module docstring, for `omega`, rad/s."""
         return 1 + self.derivative_time * self._derivative(omega) if self.derivative_time else 1.0
 
     def slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Floats]:
-        """Return dR/d omega, dA/d omega and a scale of the rounding errors of R, for R and A of the module."""
+        """Return dR/d omega, dA/d omega, and the sum of the magnitudes of the terms of R, to scale rounding errors."""
         delayed = self._delayed(omega)
         d_slope = 1j / (1 + 1j * omega * self.derivative_filter) ** 2
         slope = delayed * (1j * self.dead_time - self.plant.log_slope(omega)) + self.derivative_gain * d_slope
@@ -357,7 +357,7 @@ class Decomposition:
 
     @cached_property
     def turning_points(self) -> Floats:
-        """Turning points of kp(omega), rad/s."""
+        """Frequencies, rad/s, at which dkp/d omega = 0 on the curve."""
         # kp = -Re H with H = exp(tau s) a/b + B: Im H' = 0, times the positive |b lag|^4
         a, b, lag = self._rational
         slope = fraction(self.dead_time) * a * b + a.derivative() * b - a * b.derivative()
@@ -445,9 +445,9 @@ class Decomposition:
     def _unstable_from(
         self, system: Rational, factor: Callable[[float], float], highest: Callable[[float], float]
     ) -> float:
-        """Return a gain k such that every gain >= k meets the module's inequality and is therefore unstable.
+        """Return a gain from which up the inequality of the module docstring holds, so that the loop is unstable.
 
-        With gain k, |L| is at least factor(k) times |system| up to the frequency highest(k), rad/s.
+        With a gain k, |L| is at least factor(k) times |system| up to the frequency highest(k), rad/s.
         """
         needed = np.pi * (2 * self.plant.poles.size + self.plant.zeros.size + 7) / self.dead_time
         size = system.log_size(np.linspace(0.0, 1.5 * needed, 301)[1:])
@@ -484,9 +484,9 @@ class Decomposition:
         turned = limit * self.dead_time
         if turned > _MOST_TURNED:
             raise InputError(
-                f"plant: its gain falls too slowly: at {limit:.3g} rad/s, the highest possible crossover, the "
-                f"dead time {self.dead_time:g} s turns the phase by {turned:.3g} rad, more than {_MOST_TURNED:g}; add "
-                "the actuator's lag"
+                f"plant: the gain falls too slowly: the crossover may be at {limit:.3g} rad/s, where the dead time "
+                f"{self.dead_time:g} s has a phase of {turned:.3g} rad, more than {_MOST_TURNED:g}; add the actuator's "
+                "lag"
             )
         return limit
 
@@ -500,7 +500,7 @@ def _even(polynomial: fmpq_poly) -> fmpq_poly:
 
 
 def _may_rise(omega: Floats, slope: Floats, size: Floats) -> Flags:
-    """Mark frequencies at which the slope of a function is not surely negative; `size` bounds the rounding errors."""
+    """Return True at frequencies where `slope` may be >= 0; `size` scales the rounding errors."""
     # Re ds/dk of a pole s = j omega has the opposite sign of the slope: where it may rise, poles may move to the left
     return np.asarray(slope * omega > -_SURELY_FALLING * size)
 

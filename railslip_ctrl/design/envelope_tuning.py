@@ -38,9 +38,9 @@ Tuner = Callable[[Sequence[LinearPlant]], TunedCases]
 
 @dataclass(frozen=True)
 class Design:
-    """Controller with its `judgement` over an envelope; `simulate`, `campaign` and `judge` accept it.
+    """Controller with its `judgement` over an envelope; `simulate`, `campaign` and `judge` accept a `Design`.
 
-    `reason` states why Ms is larger than required at speeds above the hand-over speed; empty if Ms is small enough.
+    `reason` states why Ms is larger than required above the hand-over speed; it is empty if Ms is small enough.
     """
 
     controller: Controller
@@ -57,11 +57,11 @@ class Design:
     def save(self, path: str | Path) -> None:
         """Write the controller to the TOML file `path`, which every command accepts with --controller.
 
-        InputError if the file cannot be written, or if the laws of the envelope have different reference slips.
+        InputError if the file cannot be written, or if the envelope's adhesion laws have different reference slips.
         """
         if self.controller.reference is None and self.controller.follows_reference:
             raise InputError(
-                "controller: the adhesion laws of its envelope have different reference slips; give the envelope a "
+                "controller: the adhesion laws of the envelope have different reference slips; give the envelope a "
                 "reference"
             )
         self.controller.model_copy(update={"name": Path(path).stem}).save(path)
@@ -78,7 +78,7 @@ def by_rule(
     """Compute the parameters of a controller from the vehicle, without tuning, and judge the controller.
 
     `kind` is a class with a rule for its parameters. If Ms is above `ms_max`, a ratio > 1, the `Design` has a `reason`.
-    With `nominal` the judgement has no tolerances. `period` is in s; by default the rule sets it.
+    With `nominal` the judgement has no tolerances. `period`: sampling period, s; by default the rule sets it.
     """
     fields = {} if period is None else {"period": check_period(period)}
     control = kind.for_vehicle(envelope.vehicle, **fields)
@@ -92,8 +92,8 @@ def by_rule(
 def hand_over_of(judgement: Judgement) -> float:
     """Return the hand-over speed, km/h, of a judged design: below it the controller should not control the slip.
 
-    It is the speed from which up the design is robust, or, if the design is not robust at the highest speed, the speed
-    from which up every loop is stable. It is 0 for an envelope with a single speed, and if there is no such speed.
+    Above the hand-over speed the design is robust. If it is not robust at the highest speed, every loop is stable above
+    the hand-over speed. The result is 0 for an envelope with a single speed, and if no speed has this property.
     """
     robust = judgement.robust_from_kmh
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
@@ -117,17 +117,17 @@ def tune(
 ) -> Design:
     """Tune one controller for all operating points of an envelope, empty and loaded, with the largest integral gain.
 
-    The gains are tuned at the operating points; the tolerances are used only for the judgement. If a rule of the kind
-    computes the parameters from the vehicle, they are not tuned.
+    The gains are tuned at the operating points; the tolerances are used only for the judgement. If the controller has a
+    rule that computes the parameters from the vehicle, they are not tuned.
 
     - envelope: operating points and tolerances of the controller.
-    - structure: name of a kind: "pi"; "pi-lead", whose lead cancels the actuator's lag; "pid", whose derivative time is
-      searched; a kind with a rule, such as "seeking"; or the class of your own kind.
-    - ms_max: largest Ms at the operating points, a ratio, > 1, of the continuous and the sampled loop. The default is 2
-      if neither `phase_min`, `delay_min` nor `minimise_ms` is given, else no limit.
+    - structure: "pi"; "pi-lead", whose lead cancels the actuator's lag; "pid", whose derivative time is searched; the
+      name of a controller with a rule, such as "seeking"; or your own controller class.
+    - ms_max: largest Ms of the continuous and of the sampled loop at the operating points, a ratio > 1. The default is
+      2 if neither `phase_min`, `delay_min` nor `minimise_ms` is given, else no limit.
     - phase_min, delay_min: smallest phase margin, deg, and smallest delay margin, s.
     - minimise_ms: if true, the worst Ms is minimised; by default the integral gain is maximised.
-    - ki_min: smallest integral gain, N*m/m, for `minimise_ms`, which needs it.
+    - ki_min: smallest integral gain, N*m/m; required with `minimise_ms`, not allowed without it.
     - nominal: judge without tolerances.
     - lead, lead_filter: time constants of the lead and of its filter, s; by default the lead is the actuator's lag, and
       the filter a tenth of the lead.
@@ -174,8 +174,8 @@ def tune_over(
 ) -> tuple[TunedCases, Design | None]:
     """Tune a controller for any specification; return the tuned gains and the design.
 
-    The arguments are those of `tune`. If the specification is infeasible, the design is None, and `TunedCases` has the
-    reason.
+    The arguments are those of `tune`. If the specification is infeasible, the design is None, and the `reason` of
+    `TunedCases` states why.
     """
     hold = PERIOD if period is None else check_period(period)
     points = envelope.points(nominal=nominal)
@@ -380,15 +380,15 @@ _BINDING = 6  # number of cases of each speed, for the lower and for the upper b
 
 @dataclass(frozen=True)
 class StructureChoice:
-    """Candidate of `select`: a structure with a factor on the reference slips, and the design tuned for it.
+    """Candidate of `select`: a structure, a factor on the reference slips, and the design tuned for both.
 
     - structure: "pi" or "pi-lead".
     - reference_factor: factor on the envelope's reference slips.
     - design: the tuned controller with its judgement; None, with a `reason`, if no gains stabilise the loops.
-    - reach_s: time, s, in which the integral term builds up the torque that holds the reference slip. It is the time at
-      the operating point of the highest speed where reach_s/stop_s is largest.
-    - stop_s: time, s, of a stop from the envelope's initial speed with the adhesion of this operating point.
-    - adhesion_share: smallest ratio of the adhesion at the candidate's reference slip to that at the envelope's.
+    - reach_s: time, s, in which the integral term builds up the torque that holds the reference slip.
+    - stop_s: time, s, of a stop from the envelope's initial speed with the adhesion of the operating point. Both times
+      belong to the operating point at the highest speed with the largest ratio of `reach_s` to `stop_s`.
+    - adhesion_share: smallest ratio of adhesion at the candidate's reference slip to adhesion at the envelope's.
     - lead_filter: time constant of the lead's filter, s.
     """
 
@@ -456,7 +456,7 @@ def select(
     reference_factors: Sequence[float] = REFERENCE_FACTORS,
     filter_ratio: float = FILTER_RATIO,
 ) -> Selection:
-    """Select the best PI or PI-lead for an envelope, at its reference slip or a smaller one, sampled every 10 ms.
+    """Select the best PI or PI-lead, sampled every 10 ms, for an envelope with its reference slips or smaller ones.
 
     Two candidates are compared by the first of these items in which they differ:
 
@@ -471,8 +471,8 @@ def select(
 
     - envelope: operating points and tolerances of the design.
     - structures: "pi", "pi-lead" or both; the lead cancels the actuator's lag.
-    - reference_factors: factors on the envelope's reference slips, > 0, ratios; only 1 if the laws have different
-      reference slips.
+    - reference_factors: factors > 0 on the envelope's reference slips, ratios. If the adhesion laws have different
+      reference slips, only the factor 1 is used.
     - filter_ratio: time constant of the lead's filter over that of the lead, a ratio, > 0.
 
     InputError: an envelope without points.
@@ -526,7 +526,7 @@ def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
 def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope) -> tuple[float, float]:
     """Return the time to build up the torque that holds the reference slip, and the stopping time, s.
 
-    They are those of the operating point at the highest speed with the largest ratio of the two times.
+    Both belong to the operating point at the highest speed with the largest ratio of the first time to the second.
     """
     operating = [plant.point for plant in operating_plants(points)]
     start = SURE_SHARE * min(point.brake_torque for point in operating)
@@ -546,7 +546,7 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
 
 @dataclass(frozen=True)
 class _Result:
-    """Gain for an integral time, s, with which the loops are stable from `speed`, km/h, up, with worst Ms `ms`."""
+    """Gain for an integral time, s: the loops are stable from `speed`, km/h, up, and their worst Ms is `ms`."""
 
     integral_time: float
     speed: float
@@ -581,8 +581,8 @@ class _Search:
         slowest, few = self.at(times[0], hardest)
         if slowest is None:
             raise InfeasibleDesignError(
-                "no gains were found that stabilise every loop with tolerances at the highest speed; shorten the dead "
-                "time, or choose a smaller reference slip"
+                "no gains were found that stabilise every loop at the highest speed with every tolerance; shorten the "
+                "dead time, or choose a smaller reference slip"
             )
         results, worse = [slowest], 0
         for time in times[1:]:
@@ -609,7 +609,7 @@ class _Search:
     def faster(
         self, start: _Result, times: list[float], points: EnvelopePoints, few: EnvelopePoints
     ) -> tuple[PIController, float | None]:
-        """Return controller and speed as `best` does, with a shorter integral time if the result is not worse."""
+        """Shorten the integral time of `start` while the result is not worse; return what `best` returns."""
         end = max((time for time in times if time < start.integral_time), default=start.integral_time)
         results, ratio = [start], (end / start.integral_time) ** 0.5 if is_robust(start.ms) else 1.0
         while ratio < _TIME_STEP:
@@ -652,7 +652,7 @@ class _Search:
         return chosen, _binding(points, low, high, ms, operating)
 
     def intervals(self, integral_time: float, points: EnvelopePoints) -> tuple[Floats, Floats]:
-        """Return the smallest and the largest stabilising gain of each case, (n,); inf and 0 if none was found."""
+        """Return the smallest and the largest stabilising gain of each case, (n,); inf and 0 if no gain was found."""
         low, high = np.full(len(points), np.inf), np.zeros(len(points))
         fastest = points.speed_kmh == points.speed_kmh.max()
         left, gain = np.arange(len(points)), self.start(integral_time)

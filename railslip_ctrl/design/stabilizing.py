@@ -1,7 +1,7 @@
 """Exact set of (kp, ki) for which a PI, or a PID with fixed derivative part, stabilises a plant with dead time.
 
-The boundaries come from the D-decomposition (`decomposition`); the exact root count decides which cells between them
-are stable ([Gryazina2008]; [Silva2005] has first-order plants in closed form). On request ball arithmetic proves that
+The D-decomposition (`decomposition`) divides the (kp, ki) plane into cells. The exact root count decides which cells
+are stable ([Gryazina2008]; [Silva2005] has first-order plants in closed form). On request, ball arithmetic proves that
 gains stabilise.
 """
 
@@ -172,7 +172,7 @@ class Region(ABC):
     ) -> Any:
         """Plot the region with contours of its worst margins as a matplotlib figure.
 
-        - chosen: gains to mark, by name: (kp, ki) in the region's units.
+        - chosen: labels of gains to mark, each with its (kp, ki) in the region's units.
         - kp_limit, ki_limit: largest gains to draw, > 0, in the region's units.
 
         InputError for an empty region, and for an unbounded region without a limit.
@@ -380,19 +380,19 @@ class IntersectionRegion(Region):
 
 @checked
 def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
-    """Return all (kp, ki) with ki >= 0 for which kp + ki/s stabilises plant(s) exp(-dead_time s), negative feedback.
+    """Return all (kp, ki) with ki >= 0 for which kp + ki/s stabilises P(s) exp(-dead_time s) with negative feedback.
 
     A gain stabilises if 1 + (kp + ki/s) P(s) exp(-dead_time s) has no root with real part >= 0 ([Gryazina2008];
     [WaltonMarshall1987]). For the wheel, from brake torque to sigma, kp and ki are those of Tb = kp e + ki integral(e),
-    e = sigma_d - sigma ([Park2008] (3), Table 4). For a plant of opposite sign kp < 0.
+    e = sigma_d - sigma ([Park2008] (3), Table 4).
 
     - plant: P(s), the transfer function from controller output to controlled variable, with the actuator's lag and
       without the dead time: python-control TransferFunction or StateSpace, `Rational`, or a real number. Units are
-      free, with time in s. It is SISO and may be unstable; with dead time it must be strictly proper.
+      free, with time in s. The plant is SISO and may be unstable; with dead time it must be strictly proper.
     - dead_time: dead time, s, >= 0.
 
-    Returns the set, with kp in units of the plant's input over its output and ki in the unit of kp per second. If it is
-    empty, `kp_range` is None, and `reason` states why. InputError: another kind of plant or dead time.
+    Returns the set, with kp in units of the plant's input over its output and ki in the unit of kp per second. If the
+    set is empty, `kp_range` is None, and `reason` states why. InputError: a plant or dead time that is not as above.
     """
     return _region(plant, dead_time)
 
@@ -415,7 +415,7 @@ def stabilizing_pid(
     - derivative_time: Td, s, >= 0; kd is then Td kp for every kp.
     - derivative_gain: kd, of either sign, in units of kp times s.
 
-    InputError: both or neither of derivative time and gain, or a value outside its range.
+    InputError: both or neither of `derivative_time` and `derivative_gain` is given, or a value is out of range.
     """
     if (derivative_time is None) == (derivative_gain is None):
         raise InputError("PID: derivative_time (s) and derivative_gain exclude each other; give exactly one")
@@ -433,9 +433,9 @@ def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> Inters
     """Return the gains that are in each of several regions, in the units of the regions.
 
     - regions: stabilising sets, in equal units.
-    - names: names of the plants, one for each region, for `reason` if no gains are common; by default numbers.
+    - names: names of the plants, one for each region, used in `reason`; by default the plants are numbered.
 
-    InputError: no region is given, or the number of names differs.
+    InputError: no region is given, or the numbers of names and of regions differ.
     """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
@@ -508,8 +508,8 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
       continues beyond a limit is cut and marked.
 
     A strip that lies between two neighbouring values of kp is not found; `Region.contains` is exact. `ki_high` is inf
-    where ki is unbounded and there is no `ki_limit`. InputError: the region is unbounded in kp, and no limit is given;
-    a limit is not > 0.
+    where ki is unbounded and there is no `ki_limit`. InputError: a limit is not > 0, or the region is
+    unbounded in kp without `kp_limit`.
     """
     for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
         if not limit > 0:

@@ -1,6 +1,6 @@
 """Answer the requests of the page with numbers, texts and arrays of a design.
 
-They are computed by the functions that the commands use.
+The functions that the commands use compute the answers.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def _design(request: Request) -> tuple[str, dict[str, float], ReferenceSlip | No
     kind, values, slips = map(sent.get, ("kind", "values", "reference")) if isinstance(sent, dict) else (None,) * 3
     if not isinstance(kind, str) or not isinstance(values, dict) or not isinstance(slips, dict | None):
         raise InputError(
-            "design: a part is missing or of a wrong type; give kind (a text), values (numbers by name) and "
-            "reference (dry and wet)"
+            "design: a part is missing or of a wrong type; give kind (a text), values (numbers with parameter names) "
+            "and reference (dry and wet)"
         )
     reference = slips and ReferenceSlip(**{rail: sized(f"{rail} slip", slip) for rail, slip in slips.items()})
     return kind, {name[:60]: sized(name[:60], value) for name, value in values.items()}, reference or None
@@ -104,8 +104,8 @@ def _kind(control: Controller) -> dict[str, Any]:
 def loop_answer(bench: Workbench, request: Request) -> Answer:
     """Return exact margins, Nyquist and Bode plot, step response and load response at one operating point.
 
-    The request may have the index of the point; otherwise the hardest point at or above the speed `from` of the
-    request, km/h, is chosen.
+    `point` in the request is the index of the operating point. Without a valid index, the hardest operating point at or
+    above the speed `from` of the request, km/h, is used.
     """
     control = _control(bench, request)
     _, points = bench.points(control)
@@ -192,10 +192,10 @@ def stops_answer(bench: Workbench, request: Request) -> Answer:
 def region_answer(bench: Workbench, request: Request) -> Answer:
     """Return a map of two parameters of the design.
 
-    For a PI it has the regions of (kp, ki) that stabilise all loops, or have Ms below a level at all of them. The loops
-    are those at a few of the hardest operating points, or at every operating point if the request has `all`. For
-    another kind the map has the worst Ms at a few of the hardest operating points, on a grid of the two parameters that
-    `axes` of the request names.
+    For a PI, the map has the region of (kp, ki) in which all loops are stable, and regions in which Ms of every loop is
+    below a level. The loops are those at a few of the hardest operating points, or at every operating point if the
+    request has `all`. For another controller, the map has the worst Ms at a few of the hardest operating points, on a
+    grid of the two parameters that `axes` of the request names.
     """
     kind, values, reference = _design(request)
     control, brake = bench.control(kind, values, reference), bench.envelope.vehicle.actuator
@@ -235,7 +235,7 @@ def tune_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def file_answer(bench: Workbench, request: Request) -> Answer:
-    """Return the text of a file that describes the design; the request has its `name`, one of `FILES`."""
+    """Return the text of a file that describes the design; `name` in the request is one of `FILES`."""
     name, control = str(request.get("name")), _control(bench, request)
     if name not in FILES:
         raise InputError(f"file: give one of {', '.join(FILES)}")

@@ -60,7 +60,7 @@ class Dispatcher:
 
     @contextmanager
     def opened(self) -> Iterator[Dispatcher]:
-        """Start processes that answer slow requests, or a thread if they could not import a class of the user."""
+        """Start processes that answer slow requests, or a thread if processes could not import a class of the user."""
         with processes(1) as medium, processes(2) as slow, ThreadPoolExecutor(1) as thread:
             answer = partial(_answer_in_process, self._sent) if self._sent else partial(encoded_answer, self.bench)
             pools = ((1, medium), (2, slow)) if self._sent else ((1, thread.submit), (1, thread.submit))
@@ -70,12 +70,12 @@ class Dispatcher:
     def answer(self, name: str, client: str, turn: int, request: dict[str, Any]) -> bytes | None:
         """Return the answer to a request; None if the request is outdated.
 
-        - name: name of the request.
+        - name: kind of request, a key of `ANSWERS`.
         - client: name of the browser tab.
-        - turn: number of the request; it is outdated if the tab has sent one of the same name with a higher number.
+        - turn: number of the request; it is outdated if the tab has sent a request of this kind with a higher number.
         - request: content of the request.
 
-        InputError as in `encoded_answer`; Full if too many slow requests are waiting.
+        InputError if the design is invalid; `queue.Full` if too many slow requests are waiting.
         """
         key = client, name
         self._newest[key] = max(turn, self._newest.pop(key, turn))
@@ -130,7 +130,7 @@ class PageServer(ThreadingHTTPServer):
         self._connections = threading.BoundedSemaphore(_CONNECTIONS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Start a thread for the connection; if too many are open, close it, and the browser tries again."""
+        """Start a thread for a connection; if too many connections are open, close it, and the browser tries again."""
         if self._connections.acquire(timeout=0.5):
             super().process_request(request, client_address)
         else:
@@ -194,7 +194,7 @@ class _Handler(BaseHTTPRequestHandler):
             request = json.loads(body)
             turn = request.get("turn", 0) if isinstance(request, dict) else None
             if isinstance(turn, bool) or not isinstance(turn, int) or not 0 <= turn < 2**53:
-                raise InputError(f"{shown(request)} is not a request; give an object whose turn is a whole number >= 0")
+                raise InputError(f"{shown(request)} is not valid; give a JSON object with 'turn', a whole number >= 0")
             answer = self.server.dispatcher.answer(name, str(request.get("client", ""))[:40], turn, request)
         except (RailslipError, ArithmeticError) as error:  # numbers that are allowed singly can overflow together
             self._reject(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))

@@ -70,7 +70,7 @@ class Setup:
 
     - own_reference: if true, the slip error is the distance from the controller's reference slip; if false, from 0.132
       on dry and 0.092 on wet rail.
-    - energy_in_joules: if true, the energy is in J; if false, in J times the inertia scale.
+    - energy_in_joules: if true, the energy is in J; if false, the energy in J is multiplied by the inertia scale.
     """
 
     case: TableColumn
@@ -87,7 +87,7 @@ class Setup:
 
 
 def published_setup(case: TableColumn) -> Setup:
-    """Setup of a column of Table 5, with the rules of `reading.READING`."""
+    """Setup of a column of Table 5, with the units and assumptions of `reading.READING`."""
     return Setup(case, published_scenario(), published_controller(case.kind, case.gains))
 
 
@@ -95,7 +95,7 @@ def published_setup(case: TableColumn) -> Setup:
 class CaseResult:
     """Runs of a setup.
 
-    - values: shape (runs, 4), the `QUANTITIES` of each run; NaN if it did not stop.
+    - values: shape (runs, 4), the `QUANTITIES` of each run; NaN if the run did not stop.
     - failures: outcomes of the runs that did not stop.
     """
 
@@ -145,7 +145,7 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
 
 
 def published_runs(*, seed: int = 0) -> dict[str, Run]:
-    """Simulate each column of Table 5 once, and return the runs by name; every 20th step is recorded."""
+    """Simulate each column of Table 5 once; return the runs by column name. Every 20th step is recorded."""
     setups = [published_setup(case) for case in CASES]
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=20) for s in setups}
 
@@ -240,11 +240,11 @@ NOT_REPRODUCIBLE = (
 
 @dataclass(frozen=True)
 class Table3:
-    """Means and improvements of [Park2008] Table 3, from its printed errors of the adhesion coefficient (ratios).
+    """Mean errors of the adhesion coefficient (ratios) of beam and bristle model, from [Park2008] Table 3.
 
-    - improvement_percent: improvement of bristle over beam, computed from `beam_mean` and `bristle_mean`.
-    - improvement_of_printed_means_percent: this improvement, computed from the printed means.
-    - improvement_in_adhesion_regime_percent: this improvement, computed from the errors while adhesion rises with slip.
+    - improvement_percent: decrease of the mean error from beam to bristle, %.
+    - improvement_of_printed_means_percent: decrease of the printed mean error from beam to bristle, %.
+    - improvement_in_adhesion_regime_percent: decrease of the printed error while adhesion rises with slip, %.
     """
 
     beam_mean: float
@@ -405,7 +405,7 @@ def pi_margins() -> Fact:
 
 
 def no_sliding() -> Fact:
-    """Fact: s s' < 0 holds only part of the time, even without noise."""
+    """Fact: the sliding variable s meets s s' < 0 only part of the time, even without noise."""
     shares = {c: judge_run(published_scenario(), _asmc(c), seed=None).condition("sliding").share for c in COLUMNS}
     low, high = SLIDING_SHARES
     return _fact("no sliding", all(low < share < high for share in shares.values()), shares=shares)
@@ -437,7 +437,7 @@ def wet_rail_unknown() -> Fact:
 
 
 def adaptation_unstable() -> Fact:
-    """Fact: the printed adaptation gain k is unstable with the printed actuator."""
+    """Fact: with the actuator, the adaptation with the printed gain k makes the loop unstable."""
     loop = published_loop(Rail.DRY, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion="curve")
     ratio = largest_adaptation(loop) / loop.gains.k1
     scenario, runs, holds = published_scenario(), {}, ratio < 1.0

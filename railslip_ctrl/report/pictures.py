@@ -17,9 +17,9 @@ Drawings: TypeAlias = "Mapping[str, Figure | Callable[[], Figure]]"  #: figures 
 
 
 class Pictures:
-    """Pictures of a result; if one cannot be drawn, those drawn before it are kept.
+    """Pictures of a result; if drawing fails, the pictures drawn before remain in `drawn`.
 
-    - drawn: content of each picture file, by name of the picture and then by suffix ("png", "svg").
+    - drawn: for each name of a picture, the contents of its files by suffix ("png", "svg").
     - failure: reason why a picture is missing; empty if none is missing.
     """
 
@@ -70,7 +70,7 @@ def write_results(
 ) -> int:
     """Write the files `results`, then draw and write the pictures; return the number of all files.
 
-    InputError: a file cannot be written, or a picture cannot be drawn; without a picture `results` are still written.
+    InputError: a file cannot be written, or a picture cannot be drawn; `results` are written before the pictures.
     """
     written, pictures = write_files(directory, results), Pictures()
     pictures.draw(figures, forms)

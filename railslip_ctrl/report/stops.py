@@ -1,7 +1,7 @@
 """Simulated stops of a design report, with the adhesion laws and loads of the envelope.
 
-Nominal stops have no errors, and the rail is dry or wet. Harder stops have errors of sensors and brake, or a dry rail
-that turns wet and dry again.
+In nominal stops, sensors and brake have no errors, and the rail is dry or wet. In harder stops, sensors and brake have
+errors, or a dry rail turns wet and dry again.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = 
 
 
 def as_reference(operating: Sequence[OperatingPoint]) -> ReferenceSlip:
-    """Reference slips that are the slips of the operating points with one adhesion law, a static law if there is one.
+    """Reference slips: the slips of the operating points with one adhesion law, which is static if a static law exists.
 
     If the law has points on only one rail, the slip on this rail is used for the other rail too.
     """
@@ -204,10 +204,10 @@ def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: st
 
 
 def harder_scenarios(judgement: Judgement) -> Iterator[tuple[Scenario, str, str]]:
-    """Yield the scenarios of the harder stops, each with a text that describes its errors, and its load.
+    """Yield scenario, description of the errors, and load of each harder stop.
 
-    Each law has eight scenarios with errors, combined by an orthogonal array. Each law and load has one scenario with a
-    rail that turns wet and dry again.
+    Each adhesion law has eight scenarios, whose errors are combined by an orthogonal array. If the envelope has both
+    rails, each law and load has one more scenario, in which the rail turns wet and dry again.
     """
     envelope, loads = judgement.envelope, _loads(judgement)
     for (i, law), (k, row) in product(enumerate(laws_of_stops(judgement)), enumerate(_ARRAY.tolist())):

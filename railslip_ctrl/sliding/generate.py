@@ -1,6 +1,6 @@
 """Generated Python code of the derived law, written by `make generate` and committed, so that a run needs no SymPy.
 
-The head of the file contains a hash of its sources. If the sources have another hash, the law is derived again.
+The generated file contains a hash of its sources. If the sources have another hash, the law is derived again.
 """
 
 from __future__ import annotations

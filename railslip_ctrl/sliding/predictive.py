@@ -3,8 +3,8 @@
 The command acts directly on S', the rate of the sliding variable S (relative degree one). A model of the brake's lag
 gives T_plus, the torque that acts one dead time later, and the reduction of [Artstein1982] removes the dead time from
 the slip error. The plant is `plant.WHEEL`, `plant.TRAIN` and the actuator of `plant`. The surface and the reaching law
-are chosen. Everything else is derived, and a machine check decides each step. Symbols are those of `proof`; SI. Each
-rate has its own symbol.
+are chosen. Everything else is derived, and a machine check decides each step. `proof` explains the symbols; units are
+SI. Each rate has its own symbol.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ _r, _J, _T = plant.r, plant.J, symbol("T")
 
 @dataclass(frozen=True)
 class PredictiveDerivation(Checked):
-    """The predictive law and its derivation; SymPy expressions in SI, by the names of `proof.PREDICTIVE_NOTATION`.
+    """The predictive law: SymPy expressions in SI, with the symbols of `proof.PREDICTIVE_NOTATION`.
 
-    - steps: steps in order.
-    - holding_torque: H in Ta, Tr, Td, omega, a, lambda_d and lambda_d_rate, N*m.
-    - reduced_rate: e_hat' in T_plus, H and H_hat_rate, m/s^2.
-    - surface: S in H_hat, e_hat and T_plus, N*m; surface_rate: S' for any command u, N*m/s.
+    - steps: steps of the derivation, in order.
+    - holding_torque: H as a function of Ta, Tr, Td, omega, a, lambda_d and lambda_d_rate, N*m.
+    - reduced_rate: e_hat' as a function of T_plus, H and H_hat_rate, m/s^2.
+    - surface: S as a function of H_hat, e_hat and T_plus, N*m.
+    - surface_rate: S' for any command u, N*m/s.
     - control_law: u, N*m; `sat` is S/phi, limited to -1 and 1.
     - disturbance: d, the part of S' due to the error of the estimate H_hat, N*m/s.
     - closed_rate: S' under the law, N*m/s.
@@ -43,8 +44,8 @@ class PredictiveDerivation(Checked):
     - authority: largest K that the brake can follow while it releases and while it applies, N*m/s.
     - pole: p in H' = (J/r) p e', the pole of the slip error e on a static adhesion curve of slope Fa_slope, 1/s.
     - small_gain: bound of the loop gain from H' to H', dimensionless; below 1 the motion in the layer is stable.
-    - loop: loop transfer function of the layer in s, E, Q, Qa, G, A and Ga, dimensionless.
-    - relative_degrees: relative degrees from the command to the published s and to S.
+    - loop: loop transfer function in the layer as a function of s, E, Q, Qa, G, A and Ga, dimensionless.
+    - relative_degrees: relative degrees from the command to the published law's s and to S.
     """
 
     holding_torque: sp.Expr

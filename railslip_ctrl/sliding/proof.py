@@ -141,7 +141,7 @@ def step(name: str, equation: tuple[sp.Basic, sp.Basic], *holds: bool, **inserts
     """Make the step `name`, with its texts from `steps.toml`.
 
     - equation: left and right side.
-    - holds: results of its machine checks; the field `checked` is true if all are true.
+    - holds: results of the step's machine checks; the field `checked` is true if all are true.
     - inserts: values for the placeholders of the texts.
     """
     left, right = equation

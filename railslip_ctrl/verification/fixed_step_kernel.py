@@ -20,7 +20,7 @@ RADIUS = 3  # index of the wheel's radius among the plant's parameters
 
 
 class Settings(NamedTuple):
-    """Settings common to all runs; SI. `delay` is the dead time in steps; `low1` to `high2` are bounds of theta_hat."""
+    """Settings of all runs, SI. `delay` is the dead time in steps; `low1` to `high2` are bounds of theta_hat."""
 
     step: float
     delay: int
@@ -41,7 +41,7 @@ class Settings(NamedTuple):
 
 @compiled
 def law_torque(v, sigma, z, noise, p, table):
-    """Return the Ta that the law uses, N*m: the true Ta plus the change of steady-state adhesion due to the noise."""
+    """Return the law's adhesion torque, N*m: the true one plus the change of steady-state adhesion by the noise."""
     force = adhesion_force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
     if noise != 0.0:
         for x, sign in ((sigma + noise, 1.0), (sigma, -1.0)):
@@ -52,7 +52,7 @@ def law_torque(v, sigma, z, noise, p, table):
 
 @compiled
 def all_rates(v, sigma, z, torque, command, share, Tr, p, table, given):
-    """Return v' (0 at frozen speed), sigma', z' and Tb' (0 without lag); `share` is Td over the acting torque."""
+    """Return v' (0 at frozen speed), sigma', z' and Tb' (0 without lag); `share`: disturbance over acting torque."""
     Tb = torque if given.lag > 0.0 else command
     v_rate, sigma_rate, z_rate = rates(v, sigma, z, Tb, share * Tb, Tr, p, table)
     torque_rate = lag_rate(torque, command, given.lag) if given.lag > 0.0 else 0.0
@@ -65,7 +65,7 @@ def run(rows, start, force, noise, plants, change, given, law, table):
 
     - start: v, sigma, z and the torque before the run; theta_hat starts at 0.
     - force, noise: random force, N, and noise of the slip velocity, m/s, (runs, steps).
-    - plants: parameters before step `change`, and parameters from that step on.
+    - plants: plant parameters before step `change`, and from step `change` on.
     - law: values of the generated `Parameters`.
 
     Returns the index of the first run that leaves the domain of the adhesion law or exceeds the largest slip; else -1.

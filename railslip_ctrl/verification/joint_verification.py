@@ -43,15 +43,15 @@ def verify(
       that accounts for the actuator, over a box of speed, slip and load).
     - vehicle: the braking vehicle.
     - K: switching gain, 0 to 1e4, N*m, for the predictive law N*m/s. Defaults: for "paper" that of [Park2008] Table 4,
-      bristle column; for "robust" 1.1 times the least gain with which the reaching condition, (40), holds over the box
-      of the design; for "predictive" that of `Predictive.for_vehicle`.
+      bristle column; for "robust" 1.1 times the least gain that the reaching condition, (40), needs; for "predictive"
+      that of `Predictive.for_vehicle`.
     - D: gain on s, 0.1 to 1e4, N*m/(m/s); by default that of Table 4. The predictive law has no D.
     - seed: first seed of sampled and simulated conditions, 0 to 2^31.
-    - adhesion: static adhesion law, rails and reference slip for the predictive law. Instead of the published bristle
-      model, which is dynamic, its static curve is used. The other laws are verified only for this model on both rails.
+    - adhesion: static adhesion law, rails and reference slip for the predictive law. The bristle model is replaced by
+      its static curve. The other laws are verified only with the bristle model, on both rails.
     - actuator: False leaves out the conditions with the actuator; no effect for the predictive law.
 
-    InputError for a value outside its range, or an argument that the law does not have.
+    InputError for a value outside its range, or an argument that the law does not use.
     """
     if law == "predictive":
         if D is not None:

@@ -1,18 +1,18 @@
 """Conditions of the predictive sliding-mode law with its actuator, proved over boxes, and the largest tolerances.
 
-T+ is the torque that acts one dead time later, H the torque that holds the reference slip, H_hat its estimate. By
-`sliding.predictive` the rate of the surface S is
+T+ is the torque that acts one dead time later, H the torque that holds the reference slip, H_hat the estimate of H.
+`sliding.predictive` derives the rate of the sliding variable S:
 
     S' = kappa (H - H_hat) + (1 + kappa theta) H_hat' - k S - K sat(S/phi).
 
 H is the sum of two parts: one whose rate is bounded by R, and one that may jump but is bounded by n (random force, and
-errors of the modelled dead time, lag and inertia). The observer consists of filters with gain 1, whose larger time
-constant is tau. Therefore
+errors of the modelled dead time, lag and inertia). The observer consists of filters with gain 1; tau is their larger
+time constant. Therefore
 
     |H - H_hat| <= tau R + 2 n,    |H_hat'| <= R.
 
-If K > d = kappa (tau R + 2 n) + (1 + kappa theta) R, then |S| falls to the half width phi + 2 (1 + kappa theta) n, the
-tube; for n = 0 the tube is the boundary layer. The torque differs from H by at most
+If K > d = kappa (tau R + 2 n) + (1 + kappa theta) R, then |S| falls to phi + 2 (1 + kappa theta) n, the half width
+of the tube; for n = 0 the tube is the boundary layer. The torque differs from H by at most
 
     dT = |S| + (J/r) kappa |e_hat| + (theta + tau) R + 2 n,    R = R0 + P dT,
 
@@ -134,7 +134,7 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True)
 class RailCase:
-    """Rail condition with its adhesion law at the empty wheel load; `scaled`: the force is proportional to the load."""
+    """Rail with its adhesion law at the empty wheel load; with `scaled` the force is proportional to the wheel load."""
 
     rail: Rail
     law: AdhesionLaw
@@ -154,7 +154,7 @@ def _expressions() -> Callable[..., Any]:
 
 
 def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> list[arb]:
-    """Return H, P, R0 and -v' as balls; `point` has balls of `speed` (m/s), `slip` and `load` (0 empty, 1 loaded)."""
+    """Return H, P, R0 and -v' (`holding_torque`) at a point of `speed` (m/s), `slip` and `load` (0 empty, 1 loaded)."""
     v, slip, load = point["speed"], point["slip"], point["load"]
     M = arb(vehicle.effective_mass) * (1 + load * (arb(vehicle.mass_loaded) / vehicle.mass - 1))
     share = 1 + load * (arb(load_ratio(vehicle)) - 1)
@@ -221,7 +221,7 @@ class Demand:
 def demand(
     gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox, *, attained: bool = False
 ) -> Demand:
-    """Compute the bounds; if `attained`, from values that H, P, R0 and -v' take in the box, not from their bounds."""
+    """Compute the bounds over a box; if `attained`, from values of H, P, R0 and -v' that occur in the box."""
     assert gains.lag is not None, "`believing` sets it"
     kappa, theta, lag = arb(gains.kappa), arb(gains.dead_time), arb(max(gains.lag, _LEAST_LAG))
     ratio = arb(gains.wheel_inertia) / gains.radius
@@ -276,9 +276,9 @@ def demand(
 
 @dataclass(frozen=True)
 class Kept:
-    """Invariant set |S| <= surface (N*m), |e_hat| <= error (m/s), in which |e| <= slip_error (m/s).
+    """Invariant set |S| <= `surface` (N*m), |e_hat| <= `error` (m/s), in which |e| <= `slip_error` (m/s).
 
-    The bounds are infinite if no invariant set was found. inside: True if the slip stays in the box at every speed.
+    The bounds are infinite if no invariant set was found. `inside` is true if the slip stays in the box at every speed.
     """
 
     surface: float = math.inf
@@ -346,10 +346,10 @@ STAYS = "the slip stays in the box"
 
 
 def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dict[str, Any]]:
-    """Decide the condition `name`, `STAYS` or a key of `HOLDS`, over a box on every rail; return (verdict, numbers).
+    """Decide the condition `name` over a box on every rail; return verdict and numbers.
 
-    The verdict is False if, on some rail, the condition fails even with values of H, P, R0 and -v' that occur in the
-    box. It is None if the condition is undecided.
+    `name` is `STAYS` or a key of `HOLDS`. The verdict is False if the condition fails on a rail with values of H, P, R0
+    and -v' that occur in the box. It is None if the condition is undecided.
     """
     found = {one.rail: demand(case.gains, case.vehicle, one, box) for one in case.rails}
     numbers: dict[str, Any] = {"found": found, "gains": case.gains, "box": box, "fails": []}
@@ -428,7 +428,7 @@ def box_with(**changes: Any) -> PredictiveBox:
 def tolerances(case: Case) -> tuple[Tolerance, ...]:
     """Find the largest error of each of `QUANTITIES` for which the conditions that hold without errors still hold.
 
-    `limited_by` is empty if they hold over the whole range that is tried.
+    `limited_by` is empty if these conditions hold over the whole range that is tried.
     """
     exact = PredictiveBox()
     holding = [name for name in (*list(HOLDS)[:3], STAYS) if decided(name, case, exact)[0]]

@@ -29,7 +29,7 @@ from .verdict import CORNERS, Condition, checked_at
 def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> dict[str, Any]:
     """Compare the derived s' and V' with those of the plant under the law [Park2008] (45), (49), at random points.
 
-    Returns the largest differences, relative to the sum of the magnitudes of the terms, by name.
+    Returns a dictionary of the largest differences, relative to the sum of the magnitudes of the terms.
     """
     M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
     ranges = {
@@ -204,7 +204,7 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
     """Decide whether the reaching condition, [Park2008] (40), holds over the published run.
 
-    The random force is bounded at one standard deviation. The numbers also have the least K for other boxes.
+    The random force is bounded at one standard deviation. The result has the least K for other operating ranges too.
     """
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})
@@ -232,7 +232,7 @@ def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """Search the published run for a point at which [Park2008] (42), s s' < -eta |s|, fails."""
+    """Search the range of the published run for a point where s s' < -eta |s|, [Park2008] (42), fails."""
     box = reaching.operating_set(vehicle, sigmas=3.0)
     known, unknown = (reaching.search(box, vehicle, gains, seed=seed, known_mass=flag) for flag in (True, False))
     numbers = {"known": known, "unknown": unknown, "box": box, "seed": seed}
@@ -274,10 +274,10 @@ def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
-    """Return the effect of the published changes at 25 s of an undisturbed stop without actuator, by name.
+    """Return a dictionary of the effects of the published changes at 25 s of an undisturbed stop without actuator.
 
     - end, speed: end of the stop, s; speed at 25 s, m/s (None if the stop ends earlier).
-    - theta_step, jump: step of theta1, 1/(kg m), and of V, m^2/s^2, at the mass step, if theta_tilde = 0 before.
+    - theta_step, jump: step of theta1, 1/(kg m), and of V, m^2/s^2, as the mass changes, if theta_tilde = 0 before.
     - friction_level: V, m^2/s^2, due to theta2_tilde at 25 s, with B = 0.25 - 0.01 t and constant theta2_hat.
     - surface_step: step of s, m/s, if the reference slip becomes that of wet rail (None if the stop ends earlier).
     """
@@ -309,8 +309,8 @@ def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
 def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> dict[str, float]:
     """Simulate the drift of theta_hat due to slip noise, at constant 100 km/h on dry rail, from theta_hat = theta.
 
-    The drift is the mean rate, over `DRIFT_TIME`, of k2 omega theta1_hat - k1 Ta theta2_hat; in this direction s does
-    not change theta_hat. Returns `mean` and `standard_error` over the seeds, the `predicted` drift, the drift without
+    The drift is the mean rate, over `DRIFT_TIME`, of k2 omega theta1_hat - k1 Ta theta2_hat, which s does not change at
+    constant Ta and omega. Returns `mean` and `standard_error` over the seeds, the `predicted` drift, the drift without
     noise (`noiseless`), and `per_second`, the rate of torque (J/r) |Ta theta1_hat'|, N*m/s, due to the mean drift.
     """
     speed = INITIAL_SPEED_KMH * KMH

@@ -4,10 +4,10 @@ The law is [Park2008] (33)-(36), (41), (45), with gains in SI: s = e + rho int e
 
     Tb_cmd = (J/r)[sigma_d' + (1/(r M) + r/J) Ta_model - (r B/J) omega + rho e + theta phi] + D s + K sgn s.
 
-The loop is linear, for deviations from an operating point at frozen speed. From (3), (4): sigma (1/P) = q with 1/P =
-(J/r) s + Q. Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is the effect of adhesion and friction, with F(s) from sigma to the
-adhesion force. The law's feed-forward is Q_m sigma, with F of the model and the measured slip velocity. So its linear
-part is, with G = (s + rho)/s and s_surface = -G sigma,
+The loop is linear, for deviations from an operating point at frozen speed. From (3), (4): sigma = P q, with the acting
+torque q and 1/P = (J/r) s + Q. Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is the effect of adhesion and friction; F(s) is the
+transfer function from sigma to the adhesion force. The law feeds Q_m sigma forward, where Q_m has the F of the model.
+With the actuator Ga, G = (s + rho)/s and s_surface = -G sigma, the linear part of the law is
 
     Tb_cmd = -C sigma + relay,    C = (J/r) rho + D G - Q_m,    q = Ga Tb_cmd,
 
@@ -16,8 +16,8 @@ part is, with G = (s + rho)/s and s_surface = -G sigma,
 With an ideal actuator and Q_m = Q the adhesion cancels: W = (r/J)/(s + (r/J) D), [Park2008] (37). With the actuator
 Q (1 - Ga) remains in the loop: the feed-forward is delayed, so it does not cancel the wheel's unstable pole.
 
-A relay gain N acts like D. Adaptation theta_hat' = k s phi ([Park2008] (49)) with a constant phi adds (J/r) w int s dt
-to the torque, w = k (Ta^2 + 12.96 omega^2) in SI.
+A gain N in place of the relay acts like D. Adaptation theta_hat' = k s phi ([Park2008] (49)) with a constant phi adds
+(J/r) w int s dt to the torque, w = k (Ta^2 + 12.96 omega^2) in SI.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ _TOLERANCE = 1e-9  # relative tolerance of the bisection, far above the rounding
 def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
     """Return the upper end of the first range of gains above `start` (> 0) in which `stable` is true.
 
-    The result is 0 without such a range, and inf if it reaches 1e6 `start`. A range below 20 % may be missed.
+    The result is 0 if no such range is found, and inf if the range reaches 1e6 `start`. A range in which the gain rises
+    by less than 20 % may be missed.
     """
     gains = [start * _RATIO**n for n in range(_STEPS)]
     first = next((n for n, gain in enumerate(gains) if stable(gain)), None)
@@ -67,7 +68,7 @@ def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
 
 @dataclass(frozen=True)
 class SurfaceLoop:
-    """Linear loop around the law's relay at frozen speed. It contains rho and D, but neither K nor the adaptation.
+    """Linear loop around the relay of the published law at frozen speed, with rho and D, without K and adaptation.
 
     InputError for a plant that has the train speed as a state.
     """
@@ -91,7 +92,7 @@ class SurfaceLoop:
 
     @property
     def regressor_power(self) -> float:
-        """Regressor power Ta^2 + 12.96 omega^2 at the operating point; times k it is the adaptation's gain, 1/s^2."""
+        """Ta^2 + 12.96 omega^2 at the operating point; multiplied by k, it is the gain of the adaptation, 1/s^2."""
         point = self.plant.point
         radius = point.vehicle.wheel.radius
         omega = (point.speed - point.sigma) / radius
@@ -106,7 +107,7 @@ class SurfaceLoop:
     def controller(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> Rational:
         """Return the controller C(s) from -sigma to the commanded torque, N*m/(m/s).
 
-        `relay_gain` (N*m/(m/s)) replaces the relay (describing function, or K/layer); `adaptation` is k as printed.
+        `relay_gain`, N*m/(m/s), replaces the relay (describing function, or K/layer). `adaptation` is k as printed.
         """
         zeros, poles = self._wheel
         inertia, rho = 1.0 / self.plant.gain, self.gains.rho  # J/r
@@ -138,10 +139,10 @@ class SurfaceLoop:
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).is_stable()
 
     def sliding_existence(self) -> dict[str, Any]:
-        """Decide whether an ideal sliding mode on s = 0 exists ([Utkin1992]); return verdict and reasons by name.
+        """Decide whether an ideal sliding mode on s = 0 exists ([Utkin1992]); return verdict and reasons in a dict.
 
-        W is the transfer function from the torque of the relay to -s. Only if W has relative degree 1 and no dead time,
-        a switch of the relay reverses s' at once.
+        W is the transfer function from the torque of the relay to -s. A switch of the relay reverses s' at once only if
+        W has relative degree 1 and no dead time.
 
         - exists: True if the mode exists.
         - relative_degree: number of poles minus number of zeros of W without its dead time.

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "471754c1f68465b55b1218996d4d46d63ebbbe047bfa584bf0a51f0574d9bba8"
+SOURCES_SHA256 = "4c218f75c083c2767f46acd72a29c9a2283c7d552b1c227a2313b0ca325b810d"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

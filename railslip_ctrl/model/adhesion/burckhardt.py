@@ -1,4 +1,4 @@
-"""Burckhardt curve, static: a law of road tyres for comparison."""
+"""Burckhardt's static adhesion law of road tyres, for comparison."""
 
 from __future__ import annotations
 
@@ -53,7 +53,10 @@ class Burckhardt(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """Equations with t = tanh(x/2), 1 - exp(-x) = 2 t/(1 + t): `sign` has no derivative at 0, exp can overflow."""
+        """Equations in t = tanh(x/2), x = c2 lambda, with 1 - exp(-x) = 2 t/(1 + t).
+
+        exp can overflow, and `sign` has no derivative at 0.
+        """
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol

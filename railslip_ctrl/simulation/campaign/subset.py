@@ -3,10 +3,10 @@
 A point is a vector of all inputs. A limit state is a function that maps points, (n, inputs), to values, (n,), which may
 be infinite. The event is a value above the `threshold`.
 
-Subset simulation reaches the event in levels ([Au2001]). All points of a level have values of at least its threshold.
-About a tenth of the points of a level reach the threshold of the next level. From this tenth, Markov chains produce
-the other points of the next level (adaptive conditional sampling, [Papaioannou2015]). All repeats use the thresholds
-and steps that `pilot` chooses, so that each repeat is an unbiased estimate.
+Subset simulation reaches the event in levels ([Au2001]). All points of a level have values of at least the level's
+threshold. About a tenth of the points of a level reach the threshold of the next level. From this tenth, Markov chains
+produce the other points of the next level (adaptive conditional sampling, [Papaioannou2015]). `pilot` chooses the
+thresholds and the step sizes of the chains once for all repeats of the estimate, so that each repeat is unbiased.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _FARTHEST = 1.5  # end of the search for the event's boundary, relative to a poi
 
 @by_content
 class Levels(NamedTuple):
-    """Threshold of each level, and step of its Markov chains (ratio), (n,); a step of 1 draws an independent point."""
+    """Thresholds and step sizes (ratios) of the Markov chains of n levels, (n,); step size 1: independent points."""
 
     thresholds: Floats
     steps: Floats
@@ -44,9 +44,9 @@ class Repeat(NamedTuple):
     """One independent estimate by subset simulation.
 
     - thresholds: threshold of each level, (levels,).
-    - shares: for each level, the share of the points of the level before that reach its threshold, (levels,).
+    - shares: share of the previous level's points that reach the threshold of a level, (levels,).
     - accepted: share of accepted moves in each level, (levels,).
-    - values: values of the first points, then of the points of each level, (levels + 1, n); -inf if no point has
+    - values: values of the first points, then of the points of each level, (levels + 1, n); -inf if no point
       reached the level.
     - mean: mean of the points with the event, (inputs,), or of the points of the last level if none has the event.
     - points: a random selection of these points, (m, inputs).
@@ -60,7 +60,7 @@ class Repeat(NamedTuple):
     points: Floats
 
     def exceeded(self, x: Floats) -> Floats:
-        """Return for each entry of `x`, 1-D, the estimated probability that a value is at least as large."""
+        """Return the estimated probability that the limit state is at least x, for each entry of `x`, 1-D."""
         place = np.searchsorted(self.thresholds, x, side="right")
         shares = [np.mean(self.values[k] >= at) for k, at in zip(place, x, strict=True)]
         return np.asarray(np.append(1.0, np.cumprod(self.shares))[place] * shares)
@@ -140,7 +140,7 @@ def _beyond(
 
 @by_content
 class Pooled(NamedTuple):
-    """Mean of independent estimates, its confidence interval and its coefficient of variation, all of one shape."""
+    """Mean of independent estimates, its confidence interval and its coefficient of variation, of equal shape."""
 
     value: Any
     low: Any
@@ -163,9 +163,9 @@ def pooled(estimates: Floats) -> Pooled:
 def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
     """Return the mean vector over the repeats, and the share of each group of inputs in its squared length.
 
-    Squared lengths are estimated by products of components from different repeats, because squares of the same repeat
-    would be too large by chance. In the mean vector, each group of inputs is multiplied by the ratio of its estimated
-    squared length to its squared length, if this ratio is below 1.
+    Squared lengths are estimated by products of components from different repeats, because squares of one repeat are
+    too large on average. If the estimate for a group is smaller than the squared length of the group in the mean
+    vector, the group is multiplied by the ratio of the two.
     """
     count, mean = len(means), means.mean(axis=0)
     squared = ((count * mean) ** 2 - np.sum(means**2, axis=0)) / (count * (count - 1))
@@ -177,9 +177,9 @@ def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
 
 
 def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
-    """Return the point nearest to 0 that has the event and lies in the direction of a candidate.
+    """Return the point nearest to 0 with the event, in the direction of the first candidate that has such a point.
 
-    The candidates are tried in order. If no direction has a point with the event, the last candidate is returned.
+    If no direction has a point with the event, the last candidate is returned.
     """
     for way in candidates:
         low, high = 0.0, _FARTHEST
@@ -195,14 +195,14 @@ def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshol
 
 
 def importance(limit_state: LimitState, inputs: int, rng: Any, threshold: float, centre: Floats, count: int) -> Sampled:
-    """Estimate the probability by importance sampling, with `count` points about the design point `centre`."""
+    """Estimate the probability by importance sampling, with `count` normally distributed points around `centre`."""
     points = centre + rng.standard_normal((count, inputs))
     weights = np.exp(0.5 * float(centre @ centre) - points @ centre)
     return Sampled(np.mean(weights * (limit_state(points) > threshold)))
 
 
 def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -> float:
-    """Return the share of random pairs of `points` for which the point midway between them does not have the event.
+    """Return the share of random pairs of `points` for which the point at mean direction and length lacks the event.
 
     All `points`, (n, inputs), have the event. A large share means that the event has several separate regions.
     """
@@ -213,7 +213,7 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 
 def repeated(found: Repeat) -> float:
-    """Return the share of new points with the same finite value as another point, for the worst level."""
+    """Return the share of new points whose finite value equals that of another point, in the worst level."""
     new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
     different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
     return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))
