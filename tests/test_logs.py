@@ -341,7 +341,7 @@ def test_a_last_line_without_its_end_counts_if_it_has_all_cells(tmp_path, cut, k
     text = log_text(30).replace(",1.5\n", ",1.50\n")  # the end, 1.50 and its separator: five characters
     rows, log = read(write(tmp_path, text[:-cut]))
     assert (len(rows), log.broken.count) == (29 + kept, not kept)
-    assert any("ends without a line end: line 31" in note for note in log.notes) == kept
+    assert any("line, 31, has no line end" in note for note in log.notes) == kept
 
 
 @at_any_block

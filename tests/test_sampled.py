@@ -88,7 +88,7 @@ def test_a_gain_alone_is_a_controller_and_shapes_that_do_not_fit_are_none(plant)
         assert wheel_slip_loop(plant, form).margins().ms == pytest.approx(expected, rel=1e-12)
     with pytest.raises(InputError, match=r"dt = True\); give dt in s"):
         wheel_slip_loop(plant, ct.tf([1.0], [1.0, -0.5], True))
-    with pytest.raises(InputError, match="operating point; give a point"):
+    with pytest.raises(InputError, match="depends on the operating point"):
         controller_system(Described())
     for a, b, c in ((((1.0, 2.0),), (1.0,), (1.0,)), (((1.0,),), (1.0, 2.0), (1.0,)), ((), (1.0,), ())):
         with pytest.raises(InputError, match="do not fit; give n by n, n and n"):

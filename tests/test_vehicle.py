@@ -241,7 +241,7 @@ WRONG_TOML = {
     "mass = -1\nmasses = 3": "masses: unknown key; did you mean 'mass'?",  # told first, as it may be why
     "mass = 1\nmass ==": "not valid TOML: Invalid value (at line 2, column 7)",
     "mass = " + "9" * 5000: "not valid TOML: Exceeds the limit",
-    "mass = " + "[" * 100_000: "the file is nested too deeply; give plain tables of keys",
+    "mass = " + "[" * 100_000: "tables or lists are nested too deeply",
     " \n": "the file is empty; give at least one key",
     "rolling_stock = 'none.yaml'": "rolling_stock: none.yaml: no such file; check the path",
 }

@@ -55,9 +55,9 @@ def command(
 ) -> None:
     """Shape the loop by hand in the browser.
 
-    While you drag, the page shows the gains that stabilise the whole envelope, the loop with its exact margins, and
-    braking runs. The page saves the controller as a file for the other commands. Only this machine can reach the page.
-    Interrupt the command to end it. Exit status 0, or 2 for bad input.
+    While you drag the gains on a map, the page shows which gains stabilise the whole envelope, the loop with its exact
+    margins, and braking runs. The page saves the controller as a file for the other commands. Only this machine
+    can reach the page. Interrupt the command to end it. Exit status 0, or 2 for bad input.
 
     Example: railslip design --vehicle my_train.toml --no-browser --port 8050
     """

@@ -1,4 +1,4 @@
-"""Static force of the adhesion law that a controller assumes, as a function that the method `step` can call."""
+"""Functions for a controller's method `step`: static force of the adhesion law that the controller assumes."""
 
 from __future__ import annotations
 

@@ -18,10 +18,10 @@ SURE_SHARE = 0.8  #: initial torque over the brake torque at the least adhesion;
 
 
 def linear_control(system: Any, **fields: Any) -> LinearControl:
-    """Return a linear system as a controller: `PI` or a derived class, `TransferFunction` or `StateSpace`.
+    """Convert a linear system to a controller: `PI` or a class derived from it, `TransferFunction` or `StateSpace`.
 
-    `fields` are further fields of the controller; the default rule is Tustin's, and the default period that of
-    `run_period`. InputError if `system` is not linear.
+    `fields` are further fields of the controller, for example `rule` (by default Tustin's) and `period`, s (by default
+    from `run_period`). InputError if `system` is not linear.
     """
     design = linear_controller(system)
     kind = fields.pop("kind", None)
@@ -44,9 +44,9 @@ def braking_control(
     period: float | None = None,
     **fields: Any,
 ) -> LinearControl:
-    """Return a linear system as a controller whose torque is limited to the range from 0 to the full brake.
+    """Convert a linear system to a controller whose torque is limited to the range from 0 to the full brake.
 
-    The initial torque is `SURE_SHARE` of the smallest brake torque at the operating points `points`. Below
+    The initial torque is `SURE_SHARE` times the smallest brake torque at the operating points `points`. Below
     `hand_over_kmh`, km/h, the controller commands this torque without slip control.
     """
     sure = SURE_SHARE * min(point.brake_torque for point in points)

@@ -80,7 +80,7 @@ def _first_order(lead: float, lag: float) -> Rational:
 
 
 class _System:
-    """Base class of records of linear systems; a system is discrete if it has a sampling `period`, s."""
+    """Base class of linear systems; a system with a sampling `period`, s, is discrete."""
 
     period: Any
     transfer_function: Any
@@ -124,7 +124,7 @@ class PolynomialController(_System):
 class StateSpaceController(_System):
     """State-space controller x' = a x + b e, torque = c x + d e; if discrete, x' is the next x.
 
-    - a, b, c, d: n rows of n numbers, n numbers, n numbers, and one number, as tuples; e in m/s, torque in N*m.
+    - a, b, c, d: tuples of n rows of n numbers (a) and of n numbers (b, c), and a number (d); e in m/s, torque in N*m.
     - period: sampling period of a discrete controller, s; None for a continuous one.
 
     InputError: lengths that do not match n, entries that are not finite, or a period that is not > 0.
@@ -142,7 +142,7 @@ class StateSpaceController(_System):
         order = len(self.a)
         if any(len(part) != order for part in (*self.a, self.b, self.c)):
             shape = f"{order} by {max(map(len, self.a), default=0)}, {len(self.b)} and {len(self.c)}"
-            raise InputError(f"state space: the shapes of a, b, c, {shape}, do not fit; give n by n, n and n")
+            raise InputError(f"state space: the shapes {shape} of a, b and c do not fit; give n by n, n and n")
         a = np.array(self.a, dtype=float).reshape(order, order)
         return Rational.from_state_space(a, np.array(self.b), np.array(self.c), np.array([self.d]))
 
@@ -242,7 +242,7 @@ def linear_of(controller: Any) -> Any:
 
 def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:
     if point is None:
-        raise InputError(f"controller {name}: its linear system depends on the operating point; give a point")
+        raise InputError(f"controller {name}: its linear system depends on the operating point; give `point`")
     try:
         system = linear(point)
     except InputError:
@@ -297,7 +297,7 @@ def _name(thing: Any) -> str:
 def controller_system(controller: Any, point: OperatingPoint | None = None) -> Rational:
     """Return the transfer function C(s), N*m/(m/s), of a continuous linear controller at an operating point.
 
-    Arguments and errors are those of `linear_controller`; a discrete controller is also an InputError.
+    Arguments and errors are those of `linear_controller`. A discrete controller also raises InputError.
     """
     if isinstance(controller, Rational):
         return controller
@@ -320,8 +320,8 @@ def polynomials(controller: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     """Return the transfer function, (m/s)/(N*m), of brake lag and wheel in series, without the dead time.
 
-    Its input is the commanded torque, its output -e, the negative slip error. `plant` is the linear wheel; of the
-    `actuator`, only the lag, s, is used.
+    Its input is the commanded torque, its output -e, the negative slip error. `plant` is the linear wheel. Only
+    the lag, s, of the `actuator` is used.
     """
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
@@ -339,9 +339,9 @@ def wheel_slip_loop(plant: LinearPlant | OperatingPoint, controller: Any, actuat
       `linear_controller` accepts, or a `Controller` that computes its loop itself (method `loop`).
     - actuator: the brake Ga with dead time and lag, s; by default that of the operating point's vehicle.
 
-    Returns the dimensionless loop for unity negative feedback: the result of the method `loop`, a `SampledLoop` for a
-    discrete controller, or else a `DeadTimeLoop`. InputError: an argument of wrong type, or a controller without a
-    transfer function.
+    Returns the dimensionless loop for unity negative feedback: the result of the controller's method `loop` if this
+    computes one; otherwise a `SampledLoop` for a discrete and a `DeadTimeLoop` for a continuous controller. InputError:
+    an argument of wrong type, or a controller without a transfer function.
     """
     if isinstance(plant, OperatingPoint):
         plant = linearize(plant)

@@ -1,4 +1,4 @@
-"""Output folders and cache of compiled kernels and results. One process at a time writes, and only complete files.
+"""Output folders, and a cache of compiled kernels and results. Files appear in a folder only when they are complete.
 
 The key of a cached result is a hash of the package's source, of the versions of Python and of the numerical
 dependencies, and of the inputs of the result.
@@ -32,10 +32,10 @@ CACHE_VARIABLE = "RAILSLIP_CACHE"  #: name of the environment variable that sets
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Lock a folder for this process; create it if it is missing, and remove it at the end if it is empty.
+    """Lock a folder for this process during the `with` block; create it if it is missing.
 
-    The operating system releases the lock when the process ends. InputError if another process has the lock or the
-    folder cannot be written to.
+    A folder that was created is removed at the end of the block if it is empty. The operating system releases the lock
+    when the process ends. InputError if another process has the lock or the folder cannot be written to.
     """
     from filelock import FileLock, Timeout
 
@@ -135,7 +135,7 @@ def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool 
     """Return the result of `compute` from the cache; if the cache does not have it, compute and store it.
 
     - name: one word; beginning of the file name.
-    - compute: function of no arguments. Its result is not None and depends only on `given` and the package's source.
+    - compute: function without arguments. The result must not be None, and depend only on `given` and the package.
     - given: all inputs of the computation as text.
     - fresh: if True, compute the result even if the cache has it.
     """
@@ -152,7 +152,7 @@ def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool 
 
 
 def look_up(name: str, given: str = "") -> Any:
-    """Return the result that `cached` has stored for a name and its inputs; None if nothing is stored."""
+    """Return the result that `cached` has stored for `name` and `given`; None if nothing is stored."""
     path = _path(name, given)
     try:
         digest, content = path.read_bytes().split(b"\n", 1)

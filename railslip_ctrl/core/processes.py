@@ -33,7 +33,7 @@ def processes(count: int) -> Iterator[Submit]:
     """Make a pool of at most `count` processes; yield the function that submits work to the pool.
 
     All processes end when the calling process ends, or when an exception leaves the `with` block. InputError if a
-    script calls this function while it is imported, because each new process imports the script again.
+    script calls this function without `if __name__ == "__main__":`, because each new process imports the script again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import current_process, get_context

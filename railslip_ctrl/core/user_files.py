@@ -44,14 +44,14 @@ _KINDS = {
 
 
 def given_path(value: object, name: str = "path") -> Path:
-    """Return a path given as text or as a `Path`; InputError, beginning with `name`, for anything else."""
+    """Convert text or a `Path` to a `Path`; InputError, beginning with `name`, for anything else."""
     if isinstance(value, (str, os.PathLike)) and value:
         return Path(value)
     raise InputError(f"{name}: {shown(value)} is not a path; give the name of a file, as text or a Path")
 
 
 def read_text(path: Path, *, where: str = "") -> str:
-    """Read the text of a parameter file: regular, UTF-8 with or without byte-order mark, at most `LARGEST_FILE` bytes.
+    """Read a parameter file: a regular file of at most `LARGEST_FILE` bytes, UTF-8 with or without byte-order mark.
 
     InputError for any other file; the message begins with `where`, by default the path.
     """
@@ -69,20 +69,20 @@ def read_text(path: Path, *, where: str = "") -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read the keys of a TOML file; InputError as in `read_text`, or with the line of a syntax error."""
+    """Read the keys of a TOML file; InputError for invalid syntax, or for a file that `read_text` refuses."""
     import tomllib
 
     text = read_text(path)
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise InputError(f"{file_name(path)}: the file is nested too deeply; give plain tables of keys") from None
+        raise InputError(f"{file_name(path)}: tables or lists are nested too deeply; use fewer levels") from None
     except ValueError as error:  # TOMLDecodeError, or an integer with more digits than Python allows
         raise InputError(f"{file_name(path)}: not valid TOML: {_flat(error)}") from None
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """Return a record of class `model` from `values`, a mapping or a record; InputError with the text of `one_line`."""
+    """Convert a mapping or record to a `model` record; an InputError for wrong `values` begins with `where`."""
     try:
         # not model_validate: its errors begin with the name of the class, not with `where`
         return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
@@ -91,9 +91,9 @@ def validated(model: type[_M], values: object, where: str) -> _M:
 
 
 def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | None = None) -> str:
-    """Return a pydantic error as one line: `where: key: value is not allowed; remedy`, and the number of other errors.
+    """Return a pydantic error as `where: key: value is not allowed; remedy`, with the number of further errors.
 
-    - model: class of the record that raised the error; with it, the line has units and allowed keys.
+    - model: class of the record that raised the error; if it is given, the text contains units and allowed keys.
     """
     complaints = error.errors(include_url=False)
     # report an unknown key first: if it is misspelt, it also explains a missing key
@@ -227,10 +227,10 @@ def place_of(function: Any) -> str:
 
 
 def call_failure(error: BaseException, function: Any, name: str, arguments: str, when: str = "") -> str:
-    """Return an error in the call of a user's function as one line; `arguments` and `when` are texts for this line.
+    """Return an error in the call of a user's function as one line of text, which contains `arguments` and `when`.
 
-    If the function does not accept the arguments, the line names the function's own file and line. Otherwise the error
-    comes from inside the function, and the line is that of `failure`.
+    If the function does not accept the arguments, the text begins with file and line of the function. Otherwise it
+    is the text of `failure`, with file and line of the error.
     """
     frames: list[tuple[str, int | None]] = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
     if _user_frames(frames[1:]) or not isinstance(error, TypeError):  # the first frame is the call itself

@@ -9,11 +9,11 @@ that a design must stabilise, and one verdict over them.
 - `specification`: margins that a design must have, and the margins of many plants with one controller
 - `tuning`: PI gains from a specification, by hand, or by published rules; `tuning_search` searches the gains
 - `envelope_tuning`: a controller tuned over an envelope, and the best of several structures
-- `schedule`: gains over speed and rail, lowest speeds, sweeps of margins
+- `schedule`: gains scheduled over speed and rail, the lowest stable speed, margins swept over speed or slip
 - `stabilizing`: all gains that stabilise, their outline and margins; `decomposition` computes their boundaries
 - `gain_map`: map of the gains with Ms below a level at every operating point
 - `workbench`: controllers shaped by hand over an envelope
-- `limits`: bounds for any controller, and the control effort of one
+- `limits`: limits of performance for any controller, and the control effort of a controller
 - `compensators`: Smith predictors and the predictor-observer
 - `catalogue`: the controllers that come with the package, by name
 """

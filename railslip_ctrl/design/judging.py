@@ -40,10 +40,10 @@ _ENGINES_AGREE = 1e-6  # relative difference of Ms computed for many loops at on
 
 @dataclass(frozen=True)
 class WorstCase:
-    """Case with the largest Ms, the loop of this case, and its margins (None if the loop is unstable).
+    """Case with the largest Ms, with the loop of this case and the loop's margins (None if it is unstable).
 
-    `run_case`, `as_run` and `sampled` are the case with the largest Ms of the sampled loop, this loop and its margins.
-    `as_run` is None if the controller has no sampled loop besides `loop`.
+    `run_case` is the case whose sampled loop has the largest Ms, `as_run` is this sampled loop, and `sampled` its
+    margins. `as_run` is None if no sampled loop was computed besides `loop`.
     """
 
     case: Case
@@ -74,7 +74,7 @@ class WorstCase:
 
     @property
     def description(self) -> str:
-        """Ms of the loop and of the sampled loop, and the cases, as text."""
+        """Text with Ms of the loop and of the sampled loop, each with its case."""
         if self.as_run is None or self.margins is self.sampled is None:
             return self.loop_description
         run = f"{_kept(self.sampled)} if sampled every {self.as_run.period:g} s"
@@ -83,7 +83,7 @@ class WorstCase:
         return f"{self.loop_description} ({run} at {self.run_case.description})"
 
     def table(self) -> dict[str, Any]:
-        """Case with its Ms, phase margin (deg) and delay margin (s) for JSON; None if unstable or infinite."""
+        """Case, Ms, phase margin (deg), delay margin (s) as JSON; None if a value is infinite or the loop unstable."""
         m = self.margins
         values = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
         names = ("ms", "phase_margin_deg", "delay_margin_s")
@@ -101,7 +101,7 @@ def _kept(margins: Margins | None) -> str:
 
 @dataclass(frozen=True)
 class MsMap:
-    """Worst Ms over speed and load, of the continuous and the sampled loops.
+    """Worst Ms at each speed and load; sampled loops are included.
 
     - speeds_kmh: train speeds, km/h, (m,), ascending.
     - loads: names of the loads, (n,).
@@ -182,7 +182,7 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """Verdict: "robust", "fragile" or "unstable", which includes sampled loops.
+        """Verdict "robust", "fragile" or "unstable" on the continuous and the sampled loops.
 
         A robust controller has Ms <= 2 at every operating point and is stable with every tolerance. A fragile
         controller is stable at every operating point, but not robust.
@@ -191,12 +191,12 @@ class Judgement:
 
     @cached_property
     def usable_from_kmh(self) -> float | None:
-        """Lowest speed from which up every loop is stable and slip is controlled; None if there is none."""
+        """Lowest speed at and above which every loop is stable and slip is controlled; None if there is none."""
         return self._lowest(self._stable)
 
     @cached_property
     def robust_from_kmh(self) -> float | None:
-        """Lowest speed from which up the verdict is "robust" and slip is controlled; None if there is none."""
+        """Lowest speed at and above which the verdict is "robust" and slip is controlled; None if there is none."""
         return self._lowest(lambda cases: self._verdict(cases) == "robust")
 
     @cached_property
@@ -206,7 +206,7 @@ class Judgement:
 
     @cached_property
     def worst_with_tolerances(self) -> WorstCase:
-        """Case of largest Ms, tolerances included, at speeds from `usable_from_kmh` up; at all speeds if None."""
+        """Case of largest Ms, with tolerances, at speeds from `usable_from_kmh` up; at all speeds if that is None."""
         return self._worst(self._usable)
 
     def least(self, margin: str, *, largest: bool = False) -> tuple[float, Case]:
@@ -269,7 +269,7 @@ class Judgement:
 
     @property
     def verdict_line(self) -> str:
-        """Verdict, the case that decides it, and the speed from which up all loops are stable, as text."""
+        """Text: verdict, deciding case, and lowest speed at and above which all loops are stable."""
         everywhere = np.ones(len(self.points), dtype=bool)
         line = self._decided(everywhere)
         if self.verdict != "unstable" and not self.nominal and self._stable(everywhere):
@@ -413,14 +413,14 @@ class Judgement:
 def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgement:
     """Judge a linear controller over an envelope, with exact dead times.
 
-    The operating points are at the reference slips of the envelope if it has any, else at those of the controller. A
-    controller that searches for its slip, such as the seeking controller, is judged at the slip that it finds with each
-    law.
+    The operating points have the reference slips of the envelope, or those of the controller if the envelope has none.
+    A controller that searches for its slip, such as the seeking controller, is judged at the slip that it finds with
+    each adhesion law.
 
     - envelope: operating points and tolerances.
-    - controller: linear system from slip error e = lambda_d v - sigma (m/s) to torque (N*m): any argument of
-      `wheel_slip_loop`. A continuous system without a sampling period is judged as continuous and as sampled every 10
-      ms by Tustin's rule.
+    - controller: linear system from slip error e = lambda_d v - sigma (m/s) to torque (N*m), in any form
+      that `wheel_slip_loop` accepts as `controller`. A continuous system without a sampling period is judged twice: as
+      continuous, and as sampled every 10 ms by Tustin's rule.
     - nominal: if true, only the operating points are judged, without tolerances.
 
     InputError: a controller without margins, or an envelope without points.
@@ -480,7 +480,7 @@ def margins_at(
 ) -> BatchMargins:
     """Return the margins of a controller in every case.
 
-    - factors: factors on the loop gain; the margins are then ordered by factor, then by case.
+    - factors: factors on the loop gain; all cases with the first factor come first, then those with the second.
     - gain_margins: if true, gain margins are computed in every case, and Ms is not computed. By default Ms is computed
       in every case, and gain margins at the operating points only.
     """

@@ -51,8 +51,8 @@ _REACH = 10.0  # factor between the gains at the highest samples and the ends of
 class Forbidden:
     """Gains that a specification excludes for plants with dead time, at densely sampled frequencies.
 
-    `omegas` has the frequencies for each plant, rad/s, and `usual_kp` the largest kp of each plant that stabilises with
-    little integral action; inf if nothing bounds it.
+    `omegas` contains the frequencies for each plant, rad/s. `usual_kp` contains for each plant the largest kp that
+    stabilises the plant with little integral action, or inf if there is no largest kp.
     """
 
     def __init__(self, responses: Sequence[Response], omegas: Sequence[Floats], usual_kp: Sequence[float]) -> None:
@@ -81,7 +81,7 @@ class Forbidden:
         return cls(responses, [_frequencies(*pair) for pair in zip(responses, usual_kp, strict=True)], usual_kp)
 
     def closer(self, kp: float, ki: float, ms_max: float) -> Forbidden:
-        """Return a copy with more frequencies near gain crossovers and critical minima of |1 + L| with these gains."""
+        """Return a copy with more frequencies near |L| = 1 and near minima of |1 + L| of about 1/`ms_max`."""
         with np.errstate(divide="ignore", invalid="ignore"):  # division by 0 at a pole on the axis
             loop = (kp - 1j * ki / self._omega) / self._inverse
             apart, above = np.abs(1 + loop), np.abs(loop) > 1
@@ -96,9 +96,9 @@ class Forbidden:
         return Forbidden(self._responses, omegas, self._usual_kp)
 
     def gaps(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
-        """Return the intervals of kp, ascending, up to |kp| = `reach`, that no frequency excludes at this ki > 0.
+        """Return the intervals of kp, ascending, that no frequency excludes at `ki` > 0; |kp| is at most `self.reach`.
 
-        With `to`, a larger ki, only those kp are left out that the bound on Ms excludes at every ki from `ki` to `to`.
+        With `to` > `ki`, a kp is left out only if the bound on Ms excludes it at every ki from `ki` to `to`.
         """
         parts = [*self._arcs(ki / self._omega, specification), *self._crossover_ends(ki, specification)]
         if to is not None:
@@ -213,7 +213,7 @@ _FEW = 4  # number of gains up to which all plants are computed at once
 
 @dataclass(frozen=True)
 class Family:
-    """Plants without dead time, each with the compensator, for which one common PI is tuned; dead times in s."""
+    """Plants for which one common PI is tuned; `systems` excludes dead times, s, and includes any compensator."""
 
     systems: list[Rational]
     dead_times: list[float]
@@ -282,7 +282,7 @@ class Family:
 
     @cached_property
     def binding(self) -> list[int]:
-        """Indices of the plants with the largest lower end and with the smallest upper end of stabilising kp."""
+        """Indices of the plants whose ranges of stabilising kp have the largest lower and the smallest upper end."""
         ranges = [region.kp_range or (-math.inf, math.inf) for region in self.regions]
         return [int(np.argmax([low for low, _ in ranges])), int(np.argmin([high for _, high in ranges]))]
 
@@ -292,7 +292,7 @@ class Family:
         return replace(self, systems=[self.systems[i] for i in chosen], dead_times=[self.dead_times[i] for i in chosen])
 
     def row(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
-        """Return the intervals of kp that meet a specification at `ki`; with `to`, the stable gaps of a band of ki."""
+        """Return the intervals of kp that meet a specification at `ki`, or the stable gaps of the band `ki` to `to`."""
         met, intervals = Specification() if to else specification, []
         for family in (self.few, self):
             intervals = family.gaps(family.forbidden.gaps(ki, specification, to), ki, met)
@@ -301,7 +301,7 @@ class Family:
         return intervals
 
     def gaps(self, intervals: list[Interval], ki: float, met: Specification) -> list[Interval]:
-        """Return those of the intervals of kp inside which one tested kp meets the specification `met` exactly."""
+        """Return the intervals in which one tested kp meets the specification `met`; adjacent intervals are joined."""
         if met.crossover is not None:
             intervals = [piece for gap in intervals for piece in pairwise(np.linspace(*gap, _PIECES + 1).tolist())]
         good = self.meets(np.array([_inside(*gap) for gap in intervals]), ki, met)
@@ -344,7 +344,7 @@ def largest_ki(family: Family, specification: Specification) -> tuple[float, flo
 
 
 def _highest_rows(family: Family, specification: Specification) -> Iterator[tuple[float, list[Interval]]]:
-    """Yield values of ki with which some kp meet the specification, from the largest down, with the intervals of kp."""
+    """Yield, from the largest down, values of ki with which some kp meet the specification, and the intervals of kp."""
     bounded = specification.ms_max is not None
     bands = list(pairwise(_rows(*family.ki_ends, specification.ms_max).tolist()))
     while bands:
@@ -427,7 +427,7 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
 
 
 def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
-    """Return a ln ki near `start` that meets a condition, and a close one that does not; None if no value meets it."""
+    """Return ln ki near `start` with `met` true, and one with `met` false (if any); None if `met` is never true."""
     first, here = bool(met(start)), start
     while step < (_FAR_UP if first else _FAR_DOWN):
         ahead = here + (step if first else -step)
@@ -476,7 +476,7 @@ def _best(family: Family, margin: str) -> float:
 
 
 def _tightest(family: Family, ki: float, others: Specification, margin: str) -> list[Interval]:
-    """Return the intervals of kp that meet the tightest bound on `margin` that some kp can meet at this ki."""
+    """Return the intervals of kp that meet the tightest bound on `margin` that can be met at `ki` with `others`."""
 
     def bounded(x: float) -> Specification:
         if margin == "ms":

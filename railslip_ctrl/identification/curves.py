@@ -2,8 +2,8 @@
 
 Samples of mu are not stored. Their sums in cells of slip and train speed are enough for a least-squares fit to all
 samples. A two-point Gauss rule gives the mean of a model's mu over a cell; it is exact if mu is a cubic polynomial of
-slip. Sums over stretches of time give the long-run variance of the noise, which is n times the variance of the mean of
-n samples for large n; the noise of neighbouring samples is correlated.
+slip. The noise of neighbouring samples is correlated. Sums over time intervals therefore give its long-run variance,
+which is n times the variance of the mean of n samples for large n.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class Options:
     - model: name of a model, or "best": the formula with the lowest BIC that fits, or the table if no formula fits.
     - rail: rail condition of the log.
     - initial_speed: v0, m/s; None: the highest train speed of the log.
-    - slip_acceleration: R of the slip ramps, m/s^2; None: measured in the log, or 2.93 for the model "curve".
+    - slip_acceleration: rate R of slip velocity on slip ramps, m/s^2; None: measured in the log, or 2.93 for "curve".
     - time_constant: tau of the `observer`, s; None: 0.05, or five intervals between rows if that is more.
-    - columns, units: header cell and unit of columns, by quantity.
-    - delays, zeros: delay, s, and sensor offset, SI, of columns, by quantity.
-    - fixed, bounds: values of parameters that are not fitted, and lower and upper bounds, SI, by parameter.
+    - columns, units: header cell of the column of each quantity, and its unit; the keys are quantities.
+    - delays, zeros: delay, s, and sensor offset, SI, of each quantity; the keys are quantities.
+    - fixed, bounds: values of parameters that are not fitted, and (lower, upper) bounds of fitted ones, SI.
     - skip_lines: number of lines to skip before the header.
     - block_bytes: number of bytes of a log that are read at a time.
     """
@@ -77,7 +77,7 @@ BINS = 50  #: number of bins over slip ratios 0 to 1, for display, as in [Park20
 
 @dataclass(frozen=True)
 class Bins:
-    """Statistics of mu in each bin of slip ratio that has samples, as in [Park2008] Fig. 13; arrays of one length."""
+    """Statistics of mu in each bin of slip ratio that has samples, as in [Park2008] Fig. 13; arrays of equal length."""
 
     low: Floats  # lower limit of the bin, slip ratio
     high: Floats  # upper limit of the bin, slip ratio
@@ -91,7 +91,7 @@ class Bins:
 
 @dataclass(frozen=True)
 class Cells:
-    """Number of samples, and means of slip, speed, load and mu, in each cell that has samples; SI, arrays."""
+    """Number of samples and means of slip, speed, load and mu in each cell that has samples; SI."""
 
     count: Floats  # number of samples
     slip: Floats
@@ -106,7 +106,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Stretches:
-    """Sums of samples for each pair of stretch of time and cell that has samples; arrays of one length."""
+    """Sums of the samples in each combination of time interval and cell that has samples; arrays of equal length."""
 
     length: float  # of every stretch, s
     stretch: Integers  # number of the stretch
@@ -120,9 +120,9 @@ _SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", 
 
 
 class Accumulator:
-    """Adds up samples of mu, given block by block; `time_constant` is that of the observer, s.
+    """Adds samples of mu to sums, block by block; `time_constant` is that of the observer, s.
 
-    `slip_counts` has the number of samples in each step of 1e-6 in slip ratio.
+    `slip_counts` contains the number of samples in each interval of the slip ratio; an interval is 1e-6 wide.
     """
 
     def __init__(self, time_constant: float) -> None:

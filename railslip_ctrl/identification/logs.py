@@ -172,7 +172,7 @@ def _split(cell: str) -> tuple[str, list[str]]:
 
 
 def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
-    """Yield the ways to split a header cell without brackets into name and unit: v_kmh, "Tb kN m"."""
+    """Yield the ways to split a header cell without brackets, such as v_kmh or "Tb kN m", into name and unit."""
     pieces = re.split(r"[\s_,:]+", cell.strip())
     for count, sign in ((1, ""), (2, "/"), (2, " ")):
         name, text = " ".join(pieces[:-count]).rstrip(" /"), sign.join(pieces[-count:])
@@ -227,7 +227,7 @@ class Header:
 def read_header(
     file: LogFile, columns: Mapping[str, str] | None, units: Mapping[str, str] | None, skip_lines: int
 ) -> Header:
-    """Read the header of a log; `file.read` then returns the rows. The other arguments are as in `Log`."""
+    """Read the header of a log; after this call `file.read` returns rows. The other arguments are those of `Log`."""
     lines = file.first_lines()
     if b"\0" in lines[0]:
         raise InputError(f"{file.name}: not a text file in UTF-8 or Latin-1; save it as CSV in UTF-8")
@@ -259,7 +259,7 @@ def read_header(
 
 
 def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] | None:
-    """Return the cells of the first record of `lines` and its number of lines; None for invalid quotation marks."""
+    """Return the first record of `lines`: its cells and its number of lines; None for invalid quotation marks."""
     if separator == BLANKS:
         return _WORDS.split(next(iter(lines)).strip()), 1
     reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, strict=True)
@@ -451,7 +451,7 @@ _OUTER_TABS = re.compile(rb"^\t|\t$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a log: `line` has their line numbers in the file, from 1, `columns` the values by quantity, SI."""
+    """Rows of a log: `line` contains the line numbers, from 1; `columns` maps each quantity to its values, SI."""
 
     line: Lines
     columns: dict[str, Floats]
@@ -541,7 +541,7 @@ class Log:
         assumed = [c for c in self.columns.values() if not c.unit_given]
         notes = [f"column {c.header!r} has no unit: {c.quantity} is read in {UNITS[c.quantity]}" for c in assumed]
         if {*_WHEEL} <= self.columns.keys():
-            notes.append("the log has both speeds of the wheel: the angular speed is used")
+            notes.append("the log has wheel_speed and wheel_angular_speed; wheel_angular_speed is used")
         return (*notes, *self._notes)
 
     def rows(self) -> Iterator[Rows]:
@@ -557,10 +557,10 @@ class Log:
             broken = f"; {self.broken.first[0]}" if self.broken.count else ""
             raise InputError(f"{self.name}: no rows after the header{broken}; give a log with data")
         if self._grouped > _UNREAD * (self._kept + self.broken.count):  # losing only large values would bias a fit
-            raise InputError(f"{self.name}: {self._grouped} lines have thousands separators; remove them")
+            raise InputError(f"{self.name}: {self._grouped} lines have thousands separators; remove the separators")
 
     def refused(self, error: InputError) -> InputError:
-        """Return the error with the notes added, and with the unreadable lines if these may be the cause."""
+        """Return the error with the notes on the log, and with the number of unreadable lines if it is large."""
         count, lines, text = self.broken.count, self.broken.count + self._kept, str(error)
         if self._kept and count > _UNREAD * lines:
             unread = f"{self.name}: {count} of {lines} lines could not be read, first {self.broken.first[0]}"
@@ -591,7 +591,7 @@ class Log:
             if isinstance(row, str) or not np.isfinite(row).all():
                 self.broken.add(line, "the file ends within this line, which is left out")
             else:
-                self._notes.append(f"the file ends without a line end: line {line} is complete and used")
+                self._notes.append(f"the last line, {line}, has no line end, but is complete and used")
                 yield line, last
 
     def _after_the_line(self) -> bytes:

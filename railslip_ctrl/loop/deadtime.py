@@ -150,7 +150,7 @@ class Loop(ABC):
 
         `loop.response(omega)` gives L as a plain array.
 
-        - omega: 1-D, rad/s, finite; by default over `feature_band`, with the gain crossovers. The data can be
+        - omega: 1-D, rad/s, finite; by default frequencies of `feature_band`, gain crossovers included. The data can be
           interpolated if `omega` has at least two values and ascends.
         - squeeze: as in `control.frequency_response`.
         """
@@ -173,7 +173,7 @@ class Loop(ABC):
     @property
     @abstractmethod
     def root_count(self) -> RootCount:
-        """Number of unstable closed-loop poles, and `marginal`: true if some are on the stability boundary."""
+        """Number of unstable closed-loop poles; `marginal` is true if poles are on the stability boundary."""
 
     @property
     @abstractmethod
@@ -212,7 +212,7 @@ class Loop(ABC):
     def bode_plot(self, omega: ArrayLike | None = None) -> Any:
         """Plot magnitude and phase of L; return a matplotlib figure.
 
-        The plot reaches from the first to the last frequency of `omega`, rad/s, by default over `feature_band`.
+        The plot extends from the lowest to the highest frequency of `omega`, rad/s; by default over `feature_band`.
         """
         return self._drawn("bode", omega)
 
@@ -309,8 +309,8 @@ class DeadTimeLoop(Loop):
     def __call__(self, s: ArrayLike) -> Complexes:
         """L(s) at complex `s`, 1/s, of the same shape; `loop(1j * omega)` is the frequency response, a plain array.
 
-        At a pole, for example at 0 for a loop with an integrator, the value is inf + 0j; then 1/(1 + L) is 0, as it
-        should be. InputError: `s` is not finite.
+        At a pole, for example at 0 for a loop with an integrator, the value is inf + 0j, which makes 1/(1 + L)
+        zero. InputError: `s` is not finite.
         """
         s = complexes("s", s)
         if not np.isfinite(s).all():
@@ -346,7 +346,7 @@ class DeadTimeLoop(Loop):
 
     @property
     def is_well_posed(self) -> bool:
-        """False if 1 + L(inf) = 0 without dead time: the feedback equations then have no solution."""
+        """False if the loop has no dead time and 1 + L(inf) = 0: the feedback equations then have no solution."""
         return self.dead_time > 0 or self._response.exact.through != -1
 
     @property
@@ -364,7 +364,7 @@ class DeadTimeLoop(Loop):
         return made(*both, name=f"L, Pade of order {order}")
 
     def zeros(self) -> Complexes:
-        """Zeros of G, 1/s, under the name python-control uses."""
+        """Zeros of G, 1/s; named as in python-control."""
         return self.system.zeros.copy()
 
     def dcgain(self) -> float:
@@ -372,7 +372,7 @@ class DeadTimeLoop(Loop):
         return float(self(0.0).real)
 
     def poles(self) -> Complexes:
-        """Open-loop poles (of G), 1/s, under the name python-control uses; see also `closed_loop_poles`."""
+        """Open-loop poles (of G), 1/s; named as in python-control. See also `closed_loop_poles`."""
         return self.system.poles.copy()
 
     @checked
@@ -477,7 +477,7 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def _listed(self) -> list[GainLimit]:
-        """Gain limits, except at phase crossovers with |L| too small to limit the stabilising gains."""
+        """Gain limits; phase crossovers with |L| too small to limit the stabilising gains are left out."""
         # a gain factor that stabilises makes |L| at least 1 above the slowest unstable pole
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
@@ -489,7 +489,7 @@ class DeadTimeLoop(Loop):
         return limits
 
     def _size_at_unstable_poles(self) -> float:
-        """Largest |L| at frequencies above 0.3 times the slowest unstable open-loop pole; 1 if there is none."""
+        """Largest |L| at frequencies above 0.3 times the slowest unstable open-loop pole; 1 if no pole is unstable."""
         sizes = [abs(pole) for pole in self.system.poles.tolist() if pole.real > 0]
         if not sizes or self.system.gain == 0:
             return 1.0

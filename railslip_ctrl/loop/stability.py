@@ -53,7 +53,7 @@ def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> Roo
 
 
 def root_count(response: Response, *, certain: bool = False) -> RootCount:
-    """Count the closed-loop poles right of the imaginary axis; if `certain`, all phases are from ball arithmetic."""
+    """Count the closed-loop poles right of the imaginary axis; if `certain`, ball arithmetic computes all phases."""
     count, marginal = _count(response, certain)
     if not marginal:
         return RootCount(count, False)
@@ -122,15 +122,15 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
 
     - system: G.
     - dead_time: s, >= 0.
-    - count: number of poles; of a pair the pole with Im > 0 comes first. Without dead time the loop has only as many
-      poles as G.
+    - count: number of poles; of a conjugate pair the pole with Im > 0 comes first. Without dead time the loop has only
+      as many poles as G.
 
     Raises SpectrumError if the exact root count differs from the number of computed poles. A neutral loop has
-    infinitely many poles with nearly equal real parts (a chain); they are listed in ascending frequency, and only poles
-    right of them are compared with the root count.
+    infinitely many poles with nearly equal real parts (a chain). The chain is listed in ascending frequency, and only
+    poles right of the chain are compared with the root count.
 
-    The start values are the eigenvalues if a transport line at Chebyshev points replaces the dead time ([Breda2005]).
-    Newton's method refines them to rounding.
+    Newton's method starts at the eigenvalues of a loop in which a transport line at Chebyshev points replaces the dead
+    time ([Breda2005]), and at further approximations of the poles.
     """
     num, den = system.polynomials
     if dead_time == 0 or system.gain == 0:
@@ -197,7 +197,7 @@ def _product(roots: Complexes, s: Complexes) -> tuple[Complexes, Complexes]:
 
 
 def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Complexes, Flags]:
-    """Apply Newton's method to each start value; return the final values, and true for each that is a zero of Q."""
+    """Apply Newton's method to each start value; return the final values, and whether each is a zero of Q."""
     s = start.astype(complex)
     with np.errstate(all="ignore"):
         for _ in range(_NEWTON_STEPS):
@@ -213,7 +213,7 @@ def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Compl
 
 
 def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes:
-    """Zeros of Q to which Newton's method converges, without repetition; a double zero is listed twice."""
+    """Zeros of Q to which Newton's method converges from `start`; simple zeros are listed once, double zeros twice."""
     start = start[np.isfinite(start)]
     found, good = _newton(system, dead_time, start)
     features = np.abs(np.append(system.roots, 1 / dead_time))
@@ -248,7 +248,7 @@ def _ordered(poles: Complexes) -> Complexes:
 
 
 def _confirmed(system: Rational, dead_time: float, poles: Complexes, count: int) -> bool:
-    """True if `poles` contains all closed-loop poles right of a line near pole number `count`."""
+    """True if the exact root count agrees with `poles` right of a vertical line near pole number `count`."""
     # the line lies just left of pole number `count`
     scale = 1e-9 * abs(poles[count - 1])
     edge = float(poles.real[count - 1]) - scale

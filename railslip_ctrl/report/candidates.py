@@ -1,6 +1,7 @@
 """Candidates of a design report: they are judged, simulated in stops, and sorted.
 
-Nominal stops are simulated with each candidate whose margins qualify, and harder stops with the best of these.
+Nominal stops are simulated with each candidate whose margins suffice. Harder stops, with errors of brake, wheel
+and sensors or with a changing rail, are simulated with the best candidates.
 """
 
 from __future__ import annotations
@@ -60,13 +61,13 @@ Beside = Callable[..., Callable[[], Any]]
 class Trial:
     """A candidate with its results in the stops of the report.
 
-    A candidate qualifies if it is robust above its hand-over speed (Ms at most 2, with tolerances at most
-    `NEARLY_UNSTABLE`), no wheel locks above this speed, and every run stops.
+    A candidate qualifies if no wheel locks above its hand-over speed and the train stops in every run. If it has
+    margins, Ms above this speed must be at most 2 at the operating points and at most `NEARLY_UNSTABLE` in all cases.
 
     - above_kmh: speed, km/h, above which the candidate qualifies. If it does not qualify, this is None, and `reason`
       says why.
-    - lowest_kmh: `worst_ms` ignores speeds below this one, km/h.
-    - stops, harder: nominal and harder stops.
+    - lowest_kmh: speed, km/h, below which `worst_ms` ignores all cases.
+    - stops, harder: results of the nominal and of the harder stops.
     """
 
     choice: StructureChoice
@@ -83,11 +84,11 @@ class Trial:
         return None if self.choice.design is None else self.choice.design.judgement
 
     def distance(self) -> float:
-        """Mean braking distance of all runs in nominal and harder stops, m; inf if a run does not stop."""
+        """Mean braking distance of all runs in nominal and harder stops, m; inf if the train does not stop in a run."""
         return _mean(stopping_distance(run) for stop in (*self.stops, *self.harder) for run in stop.runs)
 
     def distance_as_given(self) -> float:
-        """Mean braking distance of the nominal stops, m; inf if a run does not stop."""
+        """Mean braking distance of the nominal stops, m; inf if the train does not stop in a run."""
         return _mean(stopping_distance(run) for stop in self.stops for run in stop.runs)
 
     @property
@@ -102,7 +103,7 @@ class Trial:
 
     @cached_property
     def worst_ms(self) -> float:
-        """Worst Ms at speeds above `lowest_kmh` and the hand-over speed; inf if unstable or without margins."""
+        """Worst Ms at speeds of at least `lowest_kmh` and the hand-over speed; inf if unstable or without margins."""
         if self.judgement is None:
             return math.inf
         speeds = self.judgement.points.speed_kmh
@@ -154,8 +155,8 @@ class Remedy:
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
     """Simulate the harder stops with the candidates that can be the best, and sort all trials, the best first.
 
-    Candidates are tried in the order of nominal distance (worst Ms if `prefer` is "robustness") until two qualify, then
-    only those within 10 % of the first. `submit` starts a function in a second process.
+    Candidates are tried in the order of nominal distance (worst Ms if `prefer` is "robustness") until two qualify. Then
+    only candidates within 10 % of the first that qualified are tried. `submit` starts a function in a second process.
     """
     if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)
@@ -300,7 +301,7 @@ def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
 
 
 def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
-    """Trial of a tuned linear design with the lowest hand-over speed at which it qualifies.
+    """Trial of a tuned linear design; the hand-over speed is raised until the design qualifies.
 
     If `hard`, harder stops are simulated too.
     """
@@ -329,7 +330,7 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
 
 
 def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
-    """Find the slowest brake of `FASTER` with which an untuned controller qualifies; None if there is none."""
+    """Find the slowest of the brakes `FASTER` with which an untuned controller qualifies; None if there is none."""
     names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
     old = envelope.vehicle.actuator
     for factor in FASTER:

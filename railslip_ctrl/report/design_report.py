@@ -66,7 +66,7 @@ _MOST_NOTES = 8  # largest number of notes on skipped points and on reference sl
 
 
 def first_page(report: DesignReport) -> FirstPage:
-    """First page of the report, short enough for a minute: recommendation, reasons and main numbers."""
+    """First page of the report, which can be read in a minute: recommendation, reasons and main numbers."""
     headline, subject = _headline(report), _design_text(report)
     after = tuple(_not_judged(report))
     phrase = " ".join([headline, subject, *(text for _, text in after)])

@@ -80,7 +80,7 @@ def exported(record: Any, *same: str, **named: str) -> dict[str, Any]:
     """Return some attributes of a record as JSON; if the record is None, all values are null.
 
     - same: names of attributes that are also the JSON keys.
-    - named: paths of further attributes by JSON key, such as mass_kg="vehicle.mass".
+    - named: further attributes with another JSON key; mass_kg="vehicle.mass" exports `record.vehicle.mass` as mass_kg.
     """
     paths = {name: name for name in same} | named
     return {name: None if record is None else plain(attrgetter(path)(record)) for name, path in paths.items()}
@@ -275,7 +275,7 @@ FileContent = str | bytes | Callable[[Path], object]
 
 
 def write_files(directory: Path, files: Mapping[str, FileContent], *, option: str = "--out") -> list[Path]:
-    """Write all `files`, contents by file name, into `directory`, or none of them; return their paths.
+    """Write all `files`, a mapping of file name to content, into `directory`, or none of them; return the paths.
 
     InputError: the directory cannot be created or written to; existing files are then unchanged.
     """

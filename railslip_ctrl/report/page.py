@@ -31,7 +31,7 @@ def page(
 ) -> str:
     """Return a report as an HTML document that loads no other file.
 
-    `pictures` are SVG files by the names that `first` and `sections` use; `seconds` is the computing time.
+    `pictures` maps the names that `first` and `sections` use to SVG files; `seconds` is the computing time.
     """
     filling = environment("railslip_ctrl.report", autoescape=True)
     filling.keep_trailing_newline = False

@@ -16,7 +16,8 @@ class RailAdhesion:
     """Adhesion law, rails and reference slip for which a sliding-mode law is verified.
 
     - law: adhesion law with fixed parameters, or the name of a published law. The parameters of a published law depend
-      on rail, wheel load and initial speed; the stiffness of a dynamic one is multiplied by the inertia scale.
+      on rail, wheel load and initial speed; the stiffness `alpha` of a law with a state is multiplied by
+      `vehicle.inertia_scale`.
     - rails: rail conditions, at least one.
     - slip: reference slip ratio on every rail, 0 to 1; by default that of the adhesion law.
     - initial_speed_kmh: initial speed, 30 to 140 km/h.

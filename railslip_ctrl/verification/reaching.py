@@ -1,19 +1,21 @@
-"""The reaching condition, [Park2008] (40), as a lower bound of K over a box; disturbances are torques, (J/r) d.
+"""The reaching condition, [Park2008] (40), as a lower bound of the gain K over a box of operating points.
 
-Td is a fraction q of the acting torque, which contains K: Tb = Ueq + D s + K sgn s. With |q| <= c < 1
+The disturbance d of s' is given as a torque, (J/r) d. The disturbance torque is Td = q Tb, with the acting torque
+Tb = Ueq + D s + K sgn s. With |q| <= c < 1
 
     (J/r) s' sgn s = sgn s [(J/r) d(Tr, Fr) - q Ueq] - (1 + q)(D |s| + K),
 
-so (40) requires K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|. D |s| lowers the bound by its full value. Td raises it
-by up to c/(1 - c) |Ueq|, and Ueq contains (J/r) rho e. The law uses estimates Ta_hat = (1 + a) Ta and v'_hat = (1 + b)
-v', whose errors are part of d. The brake's gain multiplies 1 + q, and the law's J is (1 + j) times the wheel's.
+so (40) requires K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|. The term D |s| lowers the bound
+by its full value. Td raises the bound by up to c/(1 - c) |Ueq|, and Ueq contains (J/r) rho e. The law uses estimates
+Ta_hat = (1 + a) Ta and v'_hat = (1 + b) v', whose errors are part of d, and the wheel inertia (1 + j) J.
+The gain of the brake multiplies 1 + q.
 
 The bound is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a, b and j, and monotone in q. So its
 maximum over a box of these quantities is at a corner. The adhesion torque is an independent state, as in the bristle
 model. Ta and Tr grow with the wheel load, which is convex in 1/M, so the maximum stays at a corner.
 
-`search` looks for a counterexample with s' of the plant under the law. This s' includes the term theta_tilde' phi. The
-bound of K does not, because the adaptation cancels it in V'.
+`search` looks for a counterexample with the s' that results from plant and law, including its term theta_tilde' phi.
+The bound of K omits this term, because the adaptation cancels the term in V'.
 """
 
 from __future__ import annotations
@@ -65,11 +67,11 @@ class ReachingSet:
     - random_torque: bound of |Tr|, N*m.
     - torque_fraction: c < 1 in |Td| <= c |Tb|.
     - resistance, adhesion_torque: ranges of Fr, N, and Ta, N*m.
-    - speed, slip: ranges, m/s and ratio; e = (lambda_d - slip) v, omega = (1 - slip) v/r.
-    - mass: true mass, kg, without the inertia scale.
-    - theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s.
-    - torque_error, rate_error: relative errors Ta_hat/Ta - 1 and v'_hat/v' - 1.
-    - inertia_error: relative error of the law's J.
+    - speed, slip: ranges of v, m/s, and of the slip ratio; they give e = (lambda_d - slip) v, omega = (1 - slip) v/r.
+    - mass: range of the true mass, kg, not multiplied by `vehicle.inertia_scale`.
+    - theta_hat1, theta_hat2: ranges of the law's estimates, 1/(kg m) and m/s.
+    - torque_error, rate_error: ranges of Ta_hat/Ta - 1 and v'_hat/v' - 1, ratios.
+    - inertia_error: range of the relative error of the law's J.
     - brake_gain: largest relative error of the brake's gain, < 1.
     - torque_limits: limits of the command, N*m.
     - heavier: factor on Ta and Tr at the largest mass. It is 1 at the smallest mass and linear in the mass in between.
@@ -169,7 +171,7 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
 
 @cache
 def derived(arguments: str, which: str) -> Callable[..., Any]:
-    """Return a field of `Derivation` as a function of arrays, SI; `arguments`: names of the symbols, in order."""
+    """Return the field `which` of `Derivation` as a function of the symbols named in `arguments`: arrays, SI."""
     symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
     expression = getattr(derive(), which)
     if which == "adaptive_law_control":  # `switch` stands for sgn s
@@ -180,7 +182,7 @@ def derived(arguments: str, which: str) -> Callable[..., Any]:
 
 
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """Return theta of [Park2008] (44), corrected, 1/(kg m) and m/s, if the law assumes the nominal vehicle."""
+    """Return a vehicle's theta, [Park2008] (44) corrected, 1/(kg m) and m/s, for a law that assumes `nominal`."""
     Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
     known = (vehicle.wheel.radius, vehicle.effective_inertia)
     perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
@@ -188,7 +190,7 @@ def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
 
 
 def law_parameters(**values: float) -> Any:
-    """Return the generated law's parameters `values`; by default without boundary layer and torque limits."""
+    """Return the generated law's parameters: `values`, and defaults without boundary layer and torque limits."""
     free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
     return generated_law().Parameters(**{**free, **values})
 
@@ -273,7 +275,7 @@ def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.r
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:
-    """Return the least |s|, m/s, at which D |s| (D > 0) makes up for a K, N*m, below the least; 0 if K suffices."""
+    """Return the least |s|, m/s, at which D |s| (D > 0) makes up for a K, N*m, below `least_gain`; 0 if K suffices."""
     return max(0.0, least_gain(vehicle, box) - K) / D
 
 
@@ -287,7 +289,7 @@ def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> floa
 def tolerated_error(
     vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
 ) -> float:
-    """Return the largest relative error `name` for which K (N*m) satisfies (40) over the box; 0 if none."""
+    """Return the largest relative error `name` for which K (N*m) satisfies (40) over the box; 0 if there is none."""
     # exact, because the K that (40) requires is affine in the error
     errors: tuple[dict[str, Any], ...] = ({name: (0.0, 0.0)}, {name: (-1.0, 1.0)})
     exact, wrong = (_at_corners(vehicle, replace(box, **error)) for error in errors)
@@ -309,7 +311,7 @@ _RANDOM_POINTS, _STARTS = 20_000, 2  # random points, and best points from which
 
 @dataclass(frozen=True)
 class WorstPoint:
-    """Result of `search`: the largest s s'/|s| (`excess`, m/s^2), its point, and the number of evaluations."""
+    """Result of `search`: largest s s'/|s| (`excess`, m/s^2), the point where it occurs, and number of evaluations."""
 
     excess: float
     point: tuple[float, ...]
@@ -322,7 +324,7 @@ def approach(
     """Return s s'/|s|, m/s^2, of the plant on dry rail under the law [Park2008] (45).
 
     - points: (12, n), the coordinates `SEARCHED` of n points.
-    - surface: |s|, m/s. s does not depend on e, because the integral of e may have any value.
+    - surface: |s|, m/s, which is independent of e because s contains the integral of e.
     - limits: lower and upper limit of the command, N*m.
     """
     v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
@@ -345,7 +347,7 @@ def approach(
 def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
     """Search for the largest s s'/|s| as s -> 0 at corners and random points of the box, then by L-BFGS-B.
 
-    With `known_mass=True` theta_hat1 is the true theta1 of each point; otherwise it has the range in the box.
+    With `known_mass=True` theta_hat1 is the true theta1 of each point; otherwise the box gives its range.
     """
     from scipy.optimize import minimize
 

@@ -1,11 +1,11 @@
-"""Robust variants of the law, derived and verified: boundary layer, dead zone, projection, leak, matrix gain.
+"""Robust variants of the published law, derived and verified: boundary layer, dead zone, projection, leak, matrix gain.
 
 The variants use the derived error dynamics and the Lyapunov function V with an adaptation gain for each component of
-theta. Let Td = q Tb; Tb is the acting torque. Then s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0,
+theta. Let Td = q Tb with the acting torque Tb. Then s' = theta_tilde' phi + h (d - D0 s - K0 sgn s) with h = 1 + q > 0,
 and the law's regressor is phi = (Ta_hat, omega). The effective disturbance d includes the errors of Ta_hat and v'_hat,
 but not s, D or K (`effective_disturbance`). d_max bounds |d|, m/s^2, and (J/r) d_max is the least K with which the
-reaching condition, [Park2008] (40), holds. The actuator is not included: the torque acts at once. Proofs, whose
-hypotheses are checked, and simulated runs decide the conditions.
+reaching condition, [Park2008] (40), holds. The actuator is not included: the torque acts at once. Each
+condition is decided by a proof with checked hypotheses, at points of a box, or by simulated runs.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def _lyapunov_rate(made: Derivation, error_rate: sp.Expr) -> sp.Expr:
 
 @cache
 def boundary_layer_proved() -> bool:
-    """Prove for sat(s/Phi) and known theta that |s| falls to d_max/(D0 + K0/Phi) if d_max <= K0 + D0 Phi."""
+    """Prove that |s| falls to d_max/(D0 + K0/Phi) with sat(s/Phi) and known theta, if d_max <= K0 + D0 Phi."""
     known = _error_rate(derive()).subs(dict.fromkeys(TILDE, 0))
     inside = known.subs(sp.sign(s), s / LAYER)
     bound = sp.solve(inside.subs(d, d_max), s)[0]
@@ -112,7 +112,7 @@ def dead_zone_proved() -> bool:
 
 @cache
 def projection_proved() -> bool:
-    """Prove for projection to a box that contains theta that the cross term of V' is 0 inside and <= 0 on a face."""
+    """Prove that the cross term of V' is 0 inside a box with theta and <= 0 on its faces if theta_hat is projected."""
     made = derive()
     rate = sp.expand(_lyapunov_rate(made, _error_rate(made)))
     cross = sp.expand(rate - rate.subs(dict.fromkeys(TILDE, 0)))
@@ -172,7 +172,7 @@ def gain_units() -> tuple[str, str]:
 
 
 def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
-    """Return the box of the published run, with errors of estimates, brake gain and J, for which K is designed."""
+    """Return the box for which K is designed: `reaching.operating_set` with errors of estimates, brake gain and J."""
     first, second = parameter_box(vehicle)
     wrong = (-ESTIMATE_ERROR, ESTIMATE_ERROR)
     box = reaching.operating_set(vehicle, sigmas=SIGMAS)
@@ -198,14 +198,14 @@ def dead_zone_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUB
 
 
 def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
-    """Return gains with relay and leak; K, N*m, by default `GAIN_MARGIN` times the gain of `leak_bound`."""
+    """Return gains with relay and leak; K, N*m, by default `GAIN_MARGIN` times the entry `gain` of `leak_bound`."""
     # with a smaller leak the bound decays more slowly, with a larger leak not faster
     leaking = replace(PUBLISHED_LAW, D=D, leak=slowest_rate(vehicle, D))
     return replace(leaking, K=GAIN_MARGIN * leak_bound(vehicle, leaking)["gain"] if K is None else K)
 
 
 def slowest_rate(vehicle: Vehicle, D: float) -> float:
-    """Return the slowest decay rate 2 h D0, 1/s, which is that at the smallest h (`least_share`)."""
+    """Return the slowest decay rate 2 h D0, 1/s, for the smallest h (`least_share`)."""
     return 2.0 * least_share() * vehicle.wheel.radius / vehicle.effective_inertia * D
 
 
@@ -215,7 +215,7 @@ def least_share() -> float:
 
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges of theta1 and theta2, with a margin: empty to loaded, B from nominal to `LOWEST_FRICTION`."""
+    """Return ranges of theta1 and theta2, with a margin, for all loads and friction down to `LOWEST_FRICTION`."""
     first, second = (
         (min(0.0, corner) - _BOX_MARGIN * abs(corner), max(0.0, corner) + _BOX_MARGIN * abs(corner))
         for corner in farthest_theta(vehicle).tolist()
@@ -224,7 +224,7 @@ def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, f
 
 
 def farthest_theta(vehicle: Vehicle) -> Floats:
-    """Return theta at the loaded mass and with B = `LOWEST_FRICTION`; the nominal values are the vehicle's."""
+    """Return theta of the loaded vehicle with friction `LOWEST_FRICTION`, for a law that assumes `vehicle`."""
     far = reaching.with_friction(vehicle, LOWEST_FRICTION).model_copy(update={"mass": vehicle.mass_loaded})
     return reaching.true_theta(far, vehicle)
 
@@ -235,7 +235,7 @@ _BOUND_TOLERANCE = 0.01  #: accepted relative excess over a bound: a sampled rel
 
 
 def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int) -> tuple[Condition, ...]:
-    """Decide whether the conditions of the robust variants hold; K, N*m, by default of each design; D, N*m/(m/s)."""
+    """Decide which conditions of the robust variants hold with K, N*m (None: K of each design), and D, N*m/(m/s)."""
     gains, leaking = dead_zone_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
     largest, bound = effective_torque(vehicle), leak_bound(vehicle, leaking)
     seeds, size = tuple(range(seed, seed + RUNS)), gains.layer
@@ -309,7 +309,7 @@ def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, layer: dict[str, Any], seeds: tuple[int, ...]) -> Condition:
-    """Decide by simulation of disturbed stops, with boundary layer and known theta, whether |s| stays in its bound."""
+    """Decide by simulated stops with disturbances, boundary layer and known theta whether |s| stays below its bound."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
     run = simulate_ideal(vehicle, still, duration=_DURATION, disturbed=True, seeds=seeds)
     kept, numbers = _in_the_layer(run, gains, layer["bound"], layer["largest"])
@@ -362,7 +362,7 @@ def leak_bound(vehicle: Vehicle, gains: LawGains) -> dict[str, float]:
 
     - rate: decay rate, 1/s.
     - level: ultimate bound of V, m^2/s^2.
-    - start: V(0) of free rolling at 100 km/h with theta_hat = 0, m^2/s^2.
+    - start: V(0), m^2/s^2, if the wheel rolls freely at 100 km/h and theta_hat = 0.
     - surface: |s| for V = level, m/s.
     - gain: least K of (40), N*m, over the set V <= max(V(0), level); with a larger K this set is invariant.
     """

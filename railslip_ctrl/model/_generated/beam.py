@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "cc985e044807637733630d4951b6b592ce7dc77e7bb104f85b474d806064fcd9"
+SOURCES_SHA256 = "4f93da3b275121a9e18ef36a3f063d427d1c2a0becc1092173d10a56085abfc4"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

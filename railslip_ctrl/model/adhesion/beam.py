@@ -1,4 +1,4 @@
-"""Beam (brush) model, static: [Park2008] (5)-(9), and the closed form that replaces the printed (10)."""
+"""Beam (brush) model, static: [Park2008] (5)-(9), and a closed form instead of (10), which has two errors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Beam(AdhesionLaw):
     """Closed form of the brush model; u = Kx |lambda|/(3 mu_max N) is the share of the footprint that slides.
 
     For u <= 1, Fa = N mu_max [1 - (1 - u)^3] - N a sigma (3 u - 2 u^2). For u > 1 the whole footprint slides, and
-    Fa = N (mu_max - a sigma); the source does not give this case. Fa is odd in sigma.
+    Fa = N (mu_max - a sigma); [Park2008] does not give this case. Fa is odd in sigma.
     """
 
     name: ClassVar[str] = "beam"
@@ -112,7 +112,7 @@ def printed_force(*, width: bool = True, last_factor: Any = None) -> Any:
     """Equation (10) of [Park2008] as printed, with two errors.
 
     The first term contains the contact width w although Cx includes it; `width=False` leaves it out. The factor of the
-    last term is 1/2, but 1/4 follows from (5)-(9); `last_factor` replaces it.
+    last term is 1/2, but 1/4 follows from (5)-(9); `last_factor` replaces the 1/2.
     """
     import sympy as sp
 

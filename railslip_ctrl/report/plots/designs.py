@@ -41,7 +41,7 @@ _TWO = -1 + 0.5 * _CIRCLE  # circle |1 + L| = 1/2; Ms is below 2 if L stays outs
 def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
     """Draw a diagram of one loop; `kind` is "bode", "nyquist" or "nichols".
 
-    Of the frequencies `band`, rad/s, only the lowest and the highest are used; default: the loop's feature band.
+    The diagram extends from the lowest to the highest frequency of `band`, rad/s; default: the loop's feature band.
     """
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     margins, unstable = loop.margins() if loop.is_stable() else None, loop.unstable_closed_loop_poles
@@ -524,7 +524,7 @@ _POINT = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "markeredge
 
 
 def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
-    """Return, for each figure of a design report, a function that draws it, by name; empty figures are left out."""
+    """Map the name of each figure of a design report to a function that draws it; empty figures are left out."""
     drawings: dict[str, Callable[[], Figure]] = {}
     if report.judgement is not None and report.best is not None and report.best.design is not None:
         judged, name = report.judgement, report.best.design.structure
