@@ -550,7 +550,7 @@ def identify_several(
     """Identify logs of several initial speeds with one model.
 
     The model "best" in `options` selects the formula with the lowest sum of BIC over the logs. `paths` are the logs;
-    the other arguments are as in `identify`. InputError as for `identify`, and for a log given twice.
+    `vehicle`, `options` and `progress` are as in `identify`. InputError as for `identify`, or if a log is given twice.
     """
     whole = [path.resolve() for path in paths]
     for i, path in enumerate(whole):

@@ -165,7 +165,7 @@ class AdhesionLaw(Record):
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
             raise InputError(
-                f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs the class attribute wet_factors; define it"
+                f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors; define this attribute"
             )
         halvings = math.log(factor) / math.log(0.5)
         update = {name: getattr(self, name) * half**halvings for name, half in self.wet_factors.items()}
