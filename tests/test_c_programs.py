@@ -597,7 +597,7 @@ def test_a_kind_that_remembers_nothing_is_its_step_alone(tmp_path):
     ('    kind = "own"\n', "", "own.py: CONTROLLER: class Own has no attribute kind; .*title and source"),
     ('    source = "a test"\n', "", "Own has no attribute source"),
     ("    @staticmethod\n", "", "write @staticmethod above it"),
-    ("def step(", "def stepp(", "Own has no step; .* step\\(state, measurement, parameters\\)"),
+    ("def step(", "def stepp(", "Own has no method step; .* step\\(state, measurement, parameters\\)"),
 ])  # fmt: skip
 def test_a_class_that_is_no_kind_is_told_what_it_lacks(old, new, words, tmp_path):
     (tmp_path / "own.py").write_text(KIND.replace(old, new))

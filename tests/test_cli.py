@@ -151,7 +151,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --adaptive --controller pi-lead", "choose 'asmc'"),
     ("simulate --seed -1", "--seed: '-1' is not allowed; give a whole number"),
     ("simulate --seed no.npz", "no.npz: no such file"),
-    ("simulate --seed empty.npz", "empty.npz has no random numbers of a run"),
+    ("simulate --seed empty.npz", "empty.npz contains no random numbers of a run"),
     ("simulate --initial-speed 5", "--initial-speed: 5 km/h is outside 30 to 140 km/h"),
     ("simulate --speed 5", "--speed: 5 km/h is not allowed; give a value > 5 km/h, at which the run ends"),
     ("simulate --step 3", "error: --step: 3 s is not allowed; give a value <= 1 s"),

@@ -26,7 +26,7 @@ def show(as_json: bool, content: Callable[[], dict[str, Any]], text: Callable[[]
 
 
 def print_text(text: Callable[[], str]) -> None:
-    """Print the result of `text`, no wider than the terminal; into a pipe or a file, `WIDTH` columns wide."""
+    """Print the result of `text`, wrapped to the terminal's width, or to `WIDTH` columns in a pipe or a file."""
     terminal = min(max(shutil.get_terminal_size().columns, _NARROWEST), WIDTH)
     with columns(terminal if sys.stdout.isatty() else WIDTH):
         wrapped = text()
@@ -42,7 +42,7 @@ def progress(message: str) -> None:
 
 
 def command_line(ctx: click.Context) -> str:
-    """Return the command with the options that were given to it, to repeat the call."""
+    """Return the command line of the present call: the command, and the options that the user gave."""
     parts = [ctx.command_path]
     for option in ctx.command.params:
         given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE

@@ -13,8 +13,8 @@ hand_over_torque = 1862.0
 dry = 0.132
 wet = 0.092
 
-The file of a user's own kind also has the key `python`, the name of the Python file with its class. A Python file is
-run; it must assign a controller, or the class of a kind, to `CONTROLLER`.
+The file of a kind that the user defines also has the key `python`: the name of the Python file with the class. A Python
+file is run; it must assign a controller, or the class of a kind, to `CONTROLLER`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 @cache
 def controller_kinds() -> Mapping[str, type[Controller]]:
-    """Return the controller classes of this package by the name (`kind`) that a controller file gives."""
+    """Return the controller classes of this package; the keys are the values of `kind` in controller files."""
     kinds: dict[str, type[Controller]] = {}
     names = {module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])}
     for name in names - {"step_calls"}:  # this module loads Numba
@@ -67,7 +67,7 @@ def _check_kind(kind: type[Controller], where: str) -> None:
             )
     if kind.step is Controller.step:
         raise InputError(
-            f"{where}: class {kind.__name__} has no step; define a static method step(state, measurement, parameters)"
+            f"{where}: class {kind.__name__} has no method step; define a static step(state, measurement, parameters)"
         )
     if not isinstance(inspect.getattr_static(kind, "step"), staticmethod):
         raise InputError(f"{where}: {kind.__name__}.step is not a static method; write @staticmethod above it")
@@ -80,7 +80,7 @@ def is_kind(thing: Any) -> TypeGuard[type[Controller]]:
 
 @cache
 def structures() -> Mapping[str, type[Controller]]:
-    """Return, by name, the controllers that `tune` can tune: PI classes, and classes with an own method `loop`."""
+    """Return the controller classes that `tune` can tune (PI, and classes that define `loop`); keys are their names."""
     with_gains = {name: kind for name, kind in controller_kinds().items() if issubclass(kind, PI)}
     with_loop = {name: kind for name, kind in controller_kinds().items() if kind.loop is not Controller.loop}
     return MappingProxyType({**with_gains, **with_loop})
@@ -89,7 +89,7 @@ def structures() -> Mapping[str, type[Controller]]:
 def structure_named(name: str | type[Controller]) -> type[Controller]:
     """Return a controller class that `tune` can tune; InputError if there is none.
 
-    `name` is a name in `structures`, the name of a Python file that assigns the class to CONTROLLER, or the class.
+    `name` is a name in `structures`, the name of a Python file that assigns the class to CONTROLLER, or a class.
     """
     if isinstance(name, str) and name.lower().endswith(".py"):
         path, name = Path(name), _from_python(Path(name))
@@ -171,12 +171,12 @@ def as_control(
 
     - controller: a `Controller`, a design with an attribute `controller`, a controller class, a linear system, a
       function, or an object with a method `step`. Tustin's rule samples a linear system every 10 ms or at its own
-      period, and its torque is limited to the range from 0 to the full brake. A step is called every 10 ms, or at the
-      attribute `period`, s.
-    - vehicle: vehicle that the controller assumes where it sets no values itself.
-    - reference, name: reference slip and name for a controller without them.
+      period, and its torque is limited to the range from 0 to the full brake. A function or a method `step` is
+      called every 10 ms, or at the period in the attribute `period`, s.
+    - vehicle: vehicle whose parameters the controller assumes if it does not set them itself.
+    - reference, name: reference slip ratio and name, used if the controller has none.
 
-    InputError for any other object, or if a controller that tracks a reference slip has none.
+    InputError for any other object, or if a controller that tracks a reference slip is given no reference slip.
     """
     if isinstance(own := getattr(controller, "controller", None), Controller):
         controller = own
@@ -207,7 +207,7 @@ def as_control(
 
 
 def _no_reference() -> InputError:
-    return InputError("controller: the controller and the adhesion law have no reference slip; give the controller one")
+    return InputError("controller: no reference slip in the controller or the adhesion law; give one to the controller")
 
 
 def own_name(controller: Any) -> str | None:

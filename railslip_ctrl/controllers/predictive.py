@@ -1,6 +1,6 @@
 """Predictive sliding-mode law: it acts on the slip error that is predicted over the dead time.
 
-A sample runs the functions in their order in this module; in them x is the state and p the parameters.
+In the functions of this module, x is the state and p are the parameters.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ _RUN_AWAY, _RUN_AWAY_SHARE, _AFTERWARDS = 0.25, 0.5, 0.8
 
 
 class Predictive(Controller):
-    """Predictive sliding-mode law on a reference slip; the parameters are assumed values of wheel and brake, and gains.
+    """Predictive sliding-mode law that tracks a reference slip; it has gains, and assumed values of wheel and brake.
 
-    T+ is the acting torque ahead of the dead time, H the torque that holds the reference slip, e_hat the slip error
+    T+ is the torque that acts one dead time later, H the torque that holds the reference slip, e_hat the slip error
     predicted over the dead time. The surface is S = H + (J/r) kappa e_hat - T+. The command is u = T+ + T [-kappa (T+ -
-    H) + k S + K sat(S/phi)], from 0 to `torque_max`; `sliding.predictive` derives the law. InputError for speeds or
-    shares that are not in order.
+    H) + k S + K sat(S/phi)], from 0 to `torque_max`; `sliding.predictive` derives the law. InputError unless
+    `last_speed` < `hand_over_speed` < `fade_speed` and `last_share` <= `hand_over_share`.
     """
 
     kind: ClassVar[str] = "predictive"
@@ -117,7 +117,7 @@ class Predictive(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Return the torque, N*m, that tracks the reference slip, or at low speed a share of the mean torque."""
+        """Return the torque, N*m, that tracks the reference slip; at low speed a share of the mean holding torque."""
         v, omega, applied = measurement.train_speed, measurement.wheel_speed, measurement.applied_torque
         if not math.isfinite(applied):
             return state.torque_ahead
@@ -171,22 +171,22 @@ class Predictive(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, *, period: float | None = None, **given: Any) -> Self:
-        """Gains for a vehicle by rules in its dead time theta and lag T.
+        """Compute the gains from the wheel and the brake of a vehicle, with dead time theta and lag T.
 
-        kappa = 0.27 x/theta, k = 0.3/theta, K = 0.23 N r/(theta + T), phi = 0.75 x theta K, observer 0.34 x theta,
-        deceleration 0.52 theta. The hand-over speed is N r^2 theta/(4.2 J), in whole km/h and at least 5; the reference
-        fades below 27/13 times this speed. The factors were found from stops on many rails: halving or doubling a
-        factor changes the distances less than the random force does. Light and heavy vehicles have Ms <= 2, and their
-        loops are stable with the tolerances. The largest torque is the full brake of the published vehicle, scaled by N
-        r.
+        kappa = 0.27 x/theta, k = 0.3/theta, K = 0.23 N r/(theta + T), phi = 0.75 x theta K. The time constants are 0.34
+        x theta for the observer and 0.52 theta for the deceleration. The hand-over speed is N r^2 theta/(4.2 J),
+        rounded to whole km/h, at least 5 km/h; the reference fades below 27/13 times this speed. The factors were found
+        from stops on many rails: halving or doubling a factor changes the distances less than the random force does.
+        Light and heavy vehicles have Ms <= 2, and their loops are stable with the tolerances. The largest torque is the
+        full brake of the published vehicle, scaled by N r.
 
-        N r^2 theta/J is the slip velocity gained in a dead time without adhesion (mu = 1). x = 16 m/s J/(N r^2 theta),
-        from 0.44 to 1: with a larger wheel load N, the slip runs away sooner past the peak, and the torque must follow
-        sooner.
+        N r^2 theta/J is the slip velocity gained in one dead time if mu falls by 1. x is 16 m/s divided by it,
+        limited to 0.44 .. 1: with a larger wheel load N, the slip runs away sooner past the peak, and the torque must
+        follow sooner.
 
         - vehicle: vehicle whose wheel, wheel load and actuator are used; its mass is not used.
-        - period: sampling period, s, at most a twelfth of the dead time; by default 10 ms, or a twelfth if that is
-          shorter.
+        - period: sampling period, s, at most a twelfth of the dead time; by default 10 ms, or a twelfth of the dead
+          time if this is shorter.
 
         InputError: a brake without dead time, or too long a period.
         """
@@ -222,16 +222,16 @@ class Predictive(Controller):
         return {}
 
     def loop(self, point: OperatingPoint, actuator: Actuator | None = None) -> DelayedLoop:
-        """Exact loop in the boundary layer, broken at the acting torque; the reference is the point's slip.
+        """Return the exact loop in the boundary layer, opened at the acting torque; it tracks the slip of `point`.
 
         The train speed is constant. The symbols are g = k + K/phi, E = exp(-theta s), the filters Q = 1/(tau_o s + 1)
         of the observer and Qa of the deceleration, the transfer functions G and A from the acting torque to sigma and
         v', and the slip ratio lambda: L = E J/r [(1 + kappa/g + kappa theta) (s Q G + ((1 - lambda) Qa - Q) A) + kappa
-        G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g + kappa theta) Q E]. This is the limit of a short
-        sampling period; `loop_as_run` is the sampled loop.
+        G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g + kappa theta) Q E]. The law is taken as
+        continuous in time; `loop_as_run` is the sampled loop.
 
         - point: operating point of wheel and rail.
-        - actuator: the brake, s; by default the assumed brake.
+        - actuator: dead time and lag of the brake, s; by default those that the law assumes.
 
         Returns the dimensionless loop with the dead times of the model and of the brake.
         """
@@ -260,7 +260,7 @@ class Predictive(Controller):
 
 
 def _blocks(point: OperatingPoint, law: Predictive) -> tuple[Floats, Floats, Floats]:
-    """Return the numerator of the loop without the brake, and its denominator without and with the dead time."""
+    """Return the loop's numerator without the brake, and its denominator's terms without and with the dead time."""
     assert law.dead_time is not None, "filled in by `believing`"
     assert law.lag is not None, "as above"
     assert law.wheel_inertia is not None, "as above"
@@ -294,7 +294,7 @@ def _sum(*polynomials: Floats) -> Floats:
 
 @lru_cache(KEPT)
 def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
-    """Return the denominator, and the numerators from acting torque to sigma and v', at constant speed."""
+    """Return the denominator and numerators of the responses of sigma and v' to the torque, at constant speed."""
     plant, moving = linearize(point), linearize(point, speed_state=True)
     den = np.asarray(np.poly(plant.A).real, dtype=float)
     sigma = np.array([[float(name == "sigma") for name in plant.states]])
@@ -303,7 +303,7 @@ def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
 
 
 def actuator_model(x: Any, p: Any, applied: float) -> None:
-    """Update the modelled torque before the dead time, and its history, from the torque that was applied."""
+    """Update the model of the torque that acts one dead time later, and its history, from the applied torque."""
     k, ring = int(x.samples), len(x.history)
     if k > 0:
         x.torque_ahead += (1.0 - math.exp(-p.period / p.lag) if p.lag > 0.0 else 1.0) * (applied - x.torque_ahead)
@@ -311,12 +311,12 @@ def actuator_model(x: Any, p: Any, applied: float) -> None:
 
 
 def delay_of(x: Any, p: Any) -> Any:
-    """Dead time in samples, limited by the fixed length of the history."""
+    """Return the dead time in samples, at most the length of the history less 2."""
     return min(p.dead_time / p.period, len(x.history) - 2.0)
 
 
 def torque_ago(x: Any, samples: float) -> Any:
-    """Modelled torque a number of samples ago, N*m, interpolated linearly; 0 before the first sample."""
+    """Return the value of torque_ahead, N*m, `samples` samples ago, interpolated; 0 before the first sample."""
     k, ring, whole = int(x.samples), len(x.history), int(samples)
     share = samples - whole
     late = x.history[(k - whole) % ring] if k >= whole else 0.0
@@ -359,14 +359,14 @@ def predict(x: Any, p: Any, v: float, sigma: float, reference: float) -> None:
 
 
 def fading(p: Any, v: float) -> Any:
-    """Share of the reference slip that the law tracks at a train speed."""
+    """Return the factor on the reference slip at train speed v: 1 from the fade speed up, 0.7 at hand-over speed."""
     if v >= p.fade_speed:
         return 1.0
     return 0.7 + 0.3 * max(v - p.hand_over_speed, 0.0) / (p.fade_speed - p.hand_over_speed)
 
 
 def towards(x: Any, p: Any, rate: float) -> Any:
-    """Command that changes the torque ahead of the dead time at a rate, N*m/s."""
+    """Return the command at which torque_ahead changes at the given rate, N*m/s."""
     return x.torque_ahead + max(p.lag, p.period) * rate
 
 
@@ -383,7 +383,7 @@ def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
     """Limit the torque below the hand-over speed to a share of the mean holding torque.
 
     The share falls with the fourth power of the decrease of speed since the hand-over. Once the slip is below the
-    reference, the share is commanded without feedback. Before that, a runaway slip halves the torque. If the wheel
+    reference, this torque is commanded without feedback. Until then, a runaway slip halves the torque. If the wheel
     locks, the torque is 0. After a runaway slip or a lock, the mean holding torque is reduced by 20 %.
     """
     if v >= p.hand_over_speed:

@@ -15,7 +15,7 @@ from .translate import Function, read_step
 def python_text(control: Controller, speed: float = 100 / 3.6) -> str:
     """Return the text of a Python program: the control law `step`, the parameters on dry rail, and the initial state.
 
-    - control: a controller whose assumed vehicle parameters are all set, for example by `believing`.
+    - control: a controller with values for all assumed vehicle parameters, set for example by `Controller.believing`.
     - speed: initial train speed, m/s.
 
     InputError if the controller is a user's Python object or function, or if a required adhesion law or reference slip

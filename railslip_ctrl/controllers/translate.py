@@ -2,8 +2,8 @@
 
 The function step(state, measurement, parameters) and the functions that it calls are read from their Python source.
 They may use numbers, assignments, `if`, `while`, `for ... in range(...)`, `return`, the functions `min`, `max`, `abs`,
-`int`, `float` and `len`, functions of `math` (`MATH`), constants of their modules, and the fields of the three records,
-of which they may write only those of the state.
+`int`, `float` and `len`, functions of `math` (`MATH`), constants of their modules, and the fields of the three records.
+They may change only fields of the state.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Function:
     - name: unique among the functions that are translated together.
     - node: syntax tree of the function, without decorators, annotations and docstring.
     - roles: role of each argument that is a record: "state", "measurement" or "parameters".
-    - constants, calls: values of the constants, and functions called, by name.
+    - constants, calls: constants and functions that the function uses; the keys are their names.
     - is_outside: True if the function is marked as `outside` and is therefore not translated.
     """
 
@@ -80,7 +80,7 @@ class Function:
 
 
 def outside(function: F) -> F:
-    """Exclude a `function` that `step` calls from translation; each translated program must contain its own version."""
+    """Mark a `function` as not to be translated; each translated program must define a function of this name itself."""
     function.__dict__["is_outside"] = True
     return function
 
@@ -94,7 +94,7 @@ def with_functions(step: Callable[..., Any], functions: Mapping[str, Callable[..
 def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) -> Function:
     """Read the source of a function `step` and of all functions that it calls.
 
-    `roles` are the roles of arguments by name; by default the first three arguments have the roles `ROLES`. InputError,
+    `roles` maps argument names to roles; by default the first three arguments have the roles `ROLES`. InputError,
     with file and line, for code that cannot be translated.
     """
     arguments = tuple(inspect.signature(step).parameters)[: len(ROLES)]
@@ -279,7 +279,7 @@ def _names(
             constants[part.id] = value
         elif value is not math and not (part.id in BUILTINS and value is getattr(builtins, part.id)):
             raise InputError(
-                f"{where}: {part.id!r} is neither a number nor a function that a step may call; use numbers, your own "
+                f"{where}: {part.id!r} is neither a number nor a function that step may call; use numbers, your own "
                 "functions, and those of math"
             )
     return constants, calls
@@ -305,7 +305,7 @@ class Layout:
     first: int
 
     def row(self, values: Mapping[str, Any], state_sizes: Sequence[int]) -> tuple[float, ...]:
-        """Return `_c` from index `first` on, from parameter `values` and `state_sizes`, the lengths of state arrays."""
+        """Return the numbers in `_c` from index `first` on; `state_sizes` are the lengths of the state's arrays."""
         arrays = [tuple(map(float, values[name])) for name in self.parameter_arrays]
         index = self.first + len(self.parameters) + 2 * (len(arrays) + len(state_sizes))
         header: list[float] = []
@@ -327,7 +327,7 @@ class Layout:
         return f"{array}[{first + names.index(name)}]" if name in names else None
 
     def array_header(self, role: str, name: str) -> int | None:
-        """Return the index in `_c` at which the start index of an array field is stored, followed by its length.
+        """Return the index in `_c` of the start index of an array field; the next number is the array's length.
 
         None if the field is not an array.
         """
@@ -347,8 +347,8 @@ ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
 def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
     """Return the translation of `step` and of the functions that it calls, as text for the compiled simulation.
 
-    The last function of the text has the name `command` and calls `step`. Its arguments are `ARGUMENTS`, then the
-    arguments of `step` that are not records.
+    The last function of the text has the name `command` and calls `step`. The arguments of this
+    function are `ARGUMENTS`, then the arguments of `step` that are not records.
     """
     functions = [function for function in step.all().values() if not function.is_outside]
     printed = [f"@compiled\n{ast.unparse(_Printer(function, layout).printed())}\n" for function in functions]

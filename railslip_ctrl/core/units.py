@@ -75,13 +75,14 @@ def _registry() -> pint.UnitRegistry[Any]:
 
 
 def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool = False) -> float:
-    """Return `value` as a finite number in `unit`, in Pint's spelling: "kg", "N*m/(m/s)", "1" for a pure number.
+    """Return `value` as a finite number in `unit`.
 
     - value: a number in `unit`; or text with a number and a unit of the same dimension (names, products, quotients,
       parentheses, powers of 1 to 4). If `text_needs_unit` is False, the text may leave out the unit.
+    - unit: unit of the result in Pint's spelling, for example "kg" or "N*m/(m/s)"; "1" for a pure number.
     - name: beginning of the error message.
 
-    InputError: not a finite number, or another dimension.
+    InputError: a value that is not a finite number, or has another dimension than `unit`.
     """
     try:
         number = _number(value, unit, text_needs_unit=text_needs_unit)
@@ -189,7 +190,7 @@ def _readings(words: list[str], unit: str) -> Iterator[str]:
 
 
 def _unit_words(given: str) -> list[str] | None:
-    """Split the unit `given` into words for Pint, with "*" for a space between units; None for other text."""
+    """Split the unit `given` into words for Pint, with "*" for a space between units; None if `given` is not a unit."""
     words: list[str] = []
     previous, position = "", 0
     given = unicodedata.normalize("NFKC", given).translate(_MINUS)  # superscripts to digits, no-break spaces to spaces
@@ -219,7 +220,7 @@ def quantity(
     lt: float | None = None,
     le: float | None = None,
 ) -> Any:
-    """Define a field of a parameter record (`vehicle.Record`): a float in `unit`, also given as text with a unit.
+    """Define a field of a parameter record (`vehicle.Record`): a float in `unit`; users may give text with a unit.
 
     Example: `mass: float = quantity("kg", "quarter-car mass M", gt=0)`.
 

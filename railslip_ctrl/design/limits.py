@@ -31,16 +31,16 @@ _ALLOWED_LAG_DEG = 90.0
 
 @dataclass(frozen=True)
 class StructureLimit:
-    """Limits of a PI or PI-lead: a theorem for plants with one unstable real pole and no unstable zero.
+    """Limits of a PI or PI-lead, for a plant with one unstable real pole and no unstable zero.
 
     A PI only adds phase lag. Its phase margin is therefore at most the plant's largest phase above -180 deg, and Ms >=
-    |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover. The "PI-lead" of this theorem cancels the whole lag of
-    the actuator, without a filter.
+    |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover. The PI-lead here cancels the whole lag of the
+    actuator, without a filter.
 
     - structure: "PI" or "PI-lead".
-    - phase_deg: upper bound of the phase margin, deg, <= 0 if no controller of the structure stabilises.
-    - frequency: crossover with this phase margin, rad/s; NaN if the phase falls with frequency everywhere.
-    - ms_bound: lower bound of Ms, inf if no controller of the structure stabilises.
+    - phase_deg: upper bound of the phase margin, deg; if it is <= 0, no controller of the structure stabilises.
+    - frequency: gain crossover with this phase margin, rad/s; NaN if the phase falls at all frequencies.
+    - ms_bound: lower bound of Ms; inf if no controller of the structure stabilises.
     """
 
     structure: str
@@ -69,9 +69,9 @@ class Limits:
     - crossover_range: lowest and highest suitable gain crossover, rad/s, by the gain crossover frequency inequality, a
       rule of thumb ([Astrom2021] 14.3): the phase lag of the all-pass part of the plant, 2 sum atan(p_i/omega) + tau
       omega + 2 sum atan(omega/z_i), is at most `allowed_lag_deg`. None if no frequency meets the rule.
-    - allowed_lag_deg: largest phase lag in this rule, deg. With 90 deg the phase margin is 45 deg if |L| falls as
-      omega^(-1/2) at the crossover.
-    - pi, pi_lead: limits of the two structures; None if their theorem does not apply.
+    - allowed_lag_deg: largest phase lag in the rule for `crossover_range`, deg. With 90 deg the phase margin is 45 deg
+      if |L| falls as omega^(-1/2) at the crossover.
+    - pi, pi_lead: limits of a PI and a PI-lead; None if `StructureLimit` does not apply to the plant.
     """
 
     unstable_poles: tuple[complex, ...]
@@ -120,7 +120,7 @@ def fundamental_limits(
       actuator's lag and without its dead time. Its gain may have either sign.
     - dead_time: dead time of the actuator, s, >= 0.
     - lag: lag of the actuator, s, >= 0, which a PI-lead can cancel. If it is > 0, -1/lag must be a pole of `plant`.
-    - allowed_lag_deg: largest phase lag in the rule on the crossover, deg, in (0, 180).
+    - allowed_lag_deg: largest phase lag, deg, in (0, 180), in the rule of thumb for `Limits.crossover_range`.
 
     InputError: another kind of system, a number out of its range, or a lag that is not in the plant.
     """
@@ -152,7 +152,7 @@ def fundamental_limits(
 
 
 def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:
-    """Return the lower bound, >= 1, of Ms and Mt over all stabilising controllers; see the module for the theorem.
+    """Return the lower bound, >= 1, of Ms and Mt over all stabilising controllers (Nevanlinna-Pick).
 
     `poles` and `zeros`, 1/s, have positive real parts and include conjugates; `dead_time` is in s. The bound is inf if
     a pole equals a zero, because no controller stabilises such a plant.
@@ -274,7 +274,7 @@ def control_effort(
 ) -> Effort:
     """Return the control effort of a controller in a loop that is known to be stable.
 
-    - controller: linear system, or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity.
+    - controller: linear system, or a function that returns C(s), N*m/(m/s), for a complex array s.
     - plant: linear system from commanded torque to -e, where e is the slip error, without the actuator's dead time.
     - dead_time, lag: dead time and lag of the actuator, s, >= 0.
     - sampling_period: sampling period of the noisy measurement, s, > 0.

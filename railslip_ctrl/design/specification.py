@@ -26,7 +26,7 @@ def is_robust(ms: float) -> bool:
 
 @dataclass(frozen=True)
 class Specification:
-    """Requirements on a design at every plant; None means no requirement.
+    """Requirements that a design must meet with every plant; None means no requirement.
 
     - ms_max: largest Ms, a ratio, > 1.
     - phase_min_deg: smallest phase margin, deg, 0 to 180.
@@ -54,7 +54,7 @@ class Specification:
 
     @property
     def only_ms(self) -> bool:
-        """True if only Ms is limited, or nothing."""
+        """True if Ms is the only limited quantity, or if nothing is limited."""
         return self.phase_min_deg is None and self.delay_min_s is None and self.crossover is None
 
     @property
@@ -85,7 +85,7 @@ class Worst:
 
 
 def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, peaks: bool = True) -> BatchMargins:
-    """Return the margins of loops in their order; NaN for an unstable loop.
+    """Return the margins of `loops`, in the same order; NaN for an unstable loop.
 
     Gain margins are NaN if `gain_margins` is false. Ms, Mt and disk margin are NaN if `peaks` is false.
     """

@@ -1,6 +1,6 @@
 """Identify an adhesion law from one log or several; the result is an `Identification` or a `LogSeries`.
 
-The intervals of the parameters take most of the computing time; they are computed only for the chosen model.
+The confidence intervals of the parameters take most of the computing time; only the chosen model gets them.
 """
 
 from __future__ import annotations
@@ -122,8 +122,8 @@ class Lag:
 class Shifted:
     """Fits a model again for trial delays of the wheel speed.
 
-    Only the first whole runs of the record with at most `_MOST_ROWS` rows together are used, or the first `_MOST_ROWS`
-    rows if the first run is longer.
+    Only the start of the record is used: as many whole runs as have at most `_MOST_ROWS` rows together. If the first
+    run is longer, only its first `_MOST_ROWS` rows are used.
     """
 
     def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
@@ -248,7 +248,7 @@ class Candidates:
         return fitted if fitted.with_profiles else self._fit(fitted.model.name, profiles=True)
 
     def table_of(self, fits: Sequence[Fit]) -> Fit | None:
-        """Return the table in `fits`, else fit a table; None if the table has no prediction-error fit."""
+        """Return the table in `fits`, else fit a table; None if no table can be fitted to the wheel's motion."""
         table = next((each for each in fits if each.model.name == "table"), None)
         if table is None:
             with suppress(InputError):
@@ -277,7 +277,7 @@ _LEAST_RAMP = 0.05  # m/s^2; a slower change counts as constant slip
 
 @dataclass(frozen=True)
 class ModelLine:
-    """Curve of mu over slip ratio of a fitted model, at the mean speed that the log has at each slip."""
+    """Curve of mu over slip ratio of a fitted model; at each slip, the speed is the mean speed in the log."""
 
     name: str
     slip: Floats
@@ -292,7 +292,7 @@ class Identification:
     - setting: quantities that the fits take as known.
     - curve: the adhesion data of the log.
     - scores, lines: scores of all fitted models, lowest BIC first, and curves of these models in the same order.
-    - chosen: score of the model given by the user, else of the first formula that fits, else of the table.
+    - chosen: score of the model that the user gave, else of the best formula that fits the log, else of the table.
     - not_fitted: reasons why models are left out, one sentence each.
     - peaks: adhesion peaks at several speeds, on the log's rail and on wet rail.
     - regimes: adhesion and sliding, with the slip ratio at which sliding begins.
@@ -429,9 +429,10 @@ def _model_fields(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], ca
 def _chosen(
     scores: tuple[results.Score, ...], candidates: Candidates, table: Fit | None
 ) -> tuple[tuple[results.Score, ...], results.Score, tuple[results.PeakSlip, ...], tuple[str, ...]]:
-    """Choose the first formula that fits, else the table; InputError if no model has a peak.
+    """Choose the first model with a peak, in this order: formulas that fit the log, the table, other formulas.
 
-    Returns (scores, chosen score, peaks of the chosen model, messages for models without a peak).
+    Returns (scores, chosen score, peaks of the chosen model, messages for models without a peak). InputError if no
+    model has a peak.
     """
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
@@ -533,7 +534,7 @@ def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> mode
 
 @dataclass(frozen=True)
 class LogSeries:
-    """Several logs identified with one model, and its parameters as polynomials of the initial speed.
+    """Several logs identified with one model, and the model's parameters as polynomials of the initial speed.
 
     `warnings` are about differences between the logs.
     """
@@ -548,8 +549,8 @@ def identify_several(
 ) -> LogSeries:
     """Identify logs of several initial speeds with one model.
 
-    The model "best" is the formula with the lowest sum of BIC over the logs. `paths` are the logs; `vehicle`,
-    `options`, `progress` and InputError are as in `identify`.
+    The model "best" in `options` selects the formula with the lowest sum of BIC over the logs. `paths` are the logs;
+    `vehicle`, `options` and `progress` are as in `identify`. InputError as for `identify`, or if a log is given twice.
     """
     whole = [path.resolve() for path in paths]
     for i, path in enumerate(whole):
@@ -573,7 +574,7 @@ def identify_several(
 
 
 def different_loads(loads: Sequence[tuple[str, float]]) -> tuple[str, ...]:
-    """Warning if the mean wheel loads of the logs, (name, N), differ too much."""
+    """Warning if the mean wheel loads of the logs differ too much; `loads` are pairs (log name, load in N)."""
     (least, low), (most, high) = (pick(loads, key=lambda each: each[1]) for pick in (min, max))
     if low * LOADS_DIFFER >= high:
         return ()

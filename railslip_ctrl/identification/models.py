@@ -1,7 +1,7 @@
 """The models that can be fitted: law, free parameters, starting values and bounds of each model.
 
 The model "bristle" is fitted twice: to the measured curve, with the force that builds up while the slip velocity rises
-at a constant rate ([Park2008] Fig. 17), and to the wheel's motion (`prediction`), which alone determines alpha.
+at a constant rate ([Park2008] Fig. 17), and to the wheel's motion (`prediction`). Only the second fit determines alpha.
 "bristle_rest" and "lugre" are fitted with their steady-state force, and only to the sliding regime.
 """
 
@@ -47,7 +47,7 @@ _SMALLEST = 1e-9  # least size of a coordinate, absolute
 class Coordinates:
     """Search coordinates of the free parameters: their bounds, and the conversion from and to parameter values.
 
-    The coordinate of a parameter is its value, except for beta and gamma if `pair` or `inverse` is given.
+    The coordinate of a parameter is its value; `pair` and `inverse` give the exceptions, for beta and gamma.
     """
 
     names: tuple[str, ...]
@@ -101,7 +101,7 @@ class Coordinates:
         return values
 
     def slopes(self, x: Floats) -> Floats:
-        """Derivatives of the parameter values with respect to the coordinates, (values, coordinates)."""
+        """Derivatives of the parameter values (rows) with respect to the coordinates (columns)."""
         result, values = np.eye(len(x)), self.values(x)
         if self.pair is not None:
             b, g = self.pair
@@ -132,7 +132,7 @@ class Coordinates:
         return 1.0 / value if self.by_inverse(index) else value
 
     def range_of(self, index: int, x: Floats) -> tuple[float, float]:
-        """Bounds of the number that `represented` returns, for a search at the coordinates x."""
+        """Bounds of the number that `represented` returns, in a search that starts at the coordinates x."""
         if self.pair is not None and index == self.pair[0]:
             return float(x[index] * self.lower[self.pair[1]]), float(1.0 / self.least[index])
         return float(self.lower[index]), float(self.upper[index])
@@ -196,9 +196,9 @@ class FitModel:
     notes: tuple[str, ...] = ()
 
     def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:
-        """mu of the model with the parameter `values`; 0 outside the domain of its law.
+        """mu of the model with the parameter `values`; 0 outside the domain of the adhesion law.
 
-        Slip ratios, speeds, m/s, and wheel loads, N, are arrays of one shape.
+        `slip` (ratio) and `speed` (m/s) are arrays of equal shape; `wheel_load` (N) is a number or such an array.
         """
         if self.name == "table":
             return np.asarray(spline(self.knots, values)(np.clip(slip, 0.0, self.knots[-1])))
@@ -243,7 +243,7 @@ class FitModel:
         return self._made(self.law, values, rail)
 
     def make_force_law(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """Return `force_law` with the parameter `values`; its peak is that of the measured curve."""
+        """Return the law that is fitted to the measured curve (class `force_law`), with the parameter `values`."""
         return self._made(self.force_law, values, rail)
 
     def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
@@ -306,7 +306,7 @@ def check_model(name: str) -> None:
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """Raise InputError if a parameter in an option is in no model in `names`, or is fixed outside its bounds."""
+    """Raise InputError if no model in `names` has a given parameter, or if a fixed value is outside its bounds."""
     known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
     for option, given in (("`fixed`", fixed), ("`bounds`", bounds)):
         for parameter in given:

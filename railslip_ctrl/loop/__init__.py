@@ -1,11 +1,12 @@
 """Feedback loops with exact dead time: root count, margins, certificates, time responses.
 
 The package is for any SISO loop, not only for slip control, and imports only `core`. Begin with `deadtime`:
-`DeadTimeLoop(system, dead_time)` and its `margins()`. It uses `rational` (transfer functions, their exact polynomials
-and realisations), `crossings` (frequencies with |L| = 1 or L < 0), `stability` (root count, rightmost poles),
-`margins`, `certificate` (enclosures by ball arithmetic) and `responses` (time responses). `batch` computes the margins
-of many dead-time loops at once. Two other kinds of loop get their margins from bounds on ln L (`bounded`): `sampled`
-has discrete controllers; `quasi` has controllers with internal delays, and `quasi_batch` many of them at once.
+`DeadTimeLoop(system, dead_time)` and its `margins()`. `deadtime` uses `rational` (transfer functions, their exact
+polynomials and realisations), `crossings` (frequencies with |L| = 1 or L < 0), `stability` (root count, rightmost
+poles), `margins`, `certificate` (enclosures by ball arithmetic) and `responses` (time responses). `batch` computes the
+margins of many dead-time loops at once. The margins of two other kinds of loop follow from bounds on ln L (`bounded`):
+`sampled` is for discrete controllers, `quasi` for controllers with internal delays, `quasi_batch` for many of the
+latter.
 """
 
 from .certificate import Certificate, CertificateError

@@ -123,14 +123,14 @@ def complex_roots(polynomial: fmpq_poly) -> list[acb]:
 
 
 def rounded_roots(polynomial: fmpq_poly) -> Complexes:
-    """All roots of a polynomial as doubles; conjugate pairs and roots on the imaginary axis are kept exactly."""
+    """All roots as doubles; the pairs are exactly conjugate, and the roots on the imaginary axis exactly imaginary."""
     with ctx.workprec(DOUBLE_BITS):
         roots = [complex(root.mid()) for root in complex_roots(polynomial)]
     return np.array(sorted(roots, key=lambda root: (abs(root), root.real, root.imag)), dtype=np.complex128)
 
 
 def without(factor: fmpq_poly, polynomial: fmpq_poly) -> fmpq_poly:
-    """Divide `polynomial` by every root that it shares with `factor`, as often as it has this root."""
+    """Remove from `polynomial` all roots, also repeated ones, that are also roots of `factor`."""
     while polynomial.degree() > 0 and (common := polynomial.gcd(factor)).degree() > 0:
         polynomial = polynomial // common
     return polynomial
@@ -255,7 +255,7 @@ class Rational:
 
     @classmethod
     def _from_exact(cls, num: fmpq_poly, den: fmpq_poly) -> Rational:
-        """Make a transfer function whose rounded zeros and poles stay on their side of the imaginary axis, or on it."""
+        """Make a transfer function; the rounding moves no zero or pole across, onto or off the imaginary axis."""
         if num.degree() < 0:
             return cls(np.array([]), rounded_roots(den), 0.0)._with(num, den)
         gain = num.leading_coefficient() / den.leading_coefficient()
@@ -296,7 +296,7 @@ class Rational:
         """Make a transfer function from a SISO realisation x' = A x + B u, y = C x + D u.
 
         Hidden modes are kept as pole-zero pairs. The matrices are taken as exact, with two exceptions. An eigenvalue
-        that equals 0 within rounding becomes exactly 0, an integrator. A very large zero that exists only because of
+        that is 0 within rounding is set to 0, which is an integrator. A very large zero that exists only because of
         rounding is dropped.
 
         - a, b, c, d: A, B, C and D in SI units, n by n, n by 1, 1 by n and 1 by 1.
@@ -327,11 +327,11 @@ class Rational:
         """Make a transfer function from a SISO system of python-control or scipy.signal, or a real number.
 
         - system: a continuous-time system in s or, if `period` is given, a discrete-time system in z with this sampling
-          period. If the system has an attribute `transfer_function`, as a `PIController` has, this is used.
+          period. If the system has an attribute `transfer_function`, for example a `PIController`, it is used.
         - name: name of the system in error messages.
         - period: sampling period, s; None for continuous time.
 
-        InputError: a system that is MIMO, nonlinear, not proper, or frequency-response data; a discrete-time system if
+        InputError: a MIMO, nonlinear or improper system; frequency-response data; a discrete-time system if
         `period` is None; a continuous-time system, or another sampling period, if `period` is given.
         """
         if isinstance(system, Rational):
@@ -359,7 +359,7 @@ class Rational:
             return cls.from_state_space(system.A, system.B, system.C, system.D)
         if form == "gain":
             if any(np.iscomplexobj(np.poly(roots)) for roots in (system.zeros, system.poles)):
-                raise InputError(f"{name}: a complex zero or pole has no conjugate partner; give both of each pair")
+                raise InputError(f"{name}: a complex zero or pole has no partner; give conjugate pairs")
             return cls(system.zeros, system.poles, system.gain)
         if hasattr(system, "ninputs"):  # python-control has a polynomial for each pair of output and input
             return cls.from_polynomials(system.num[0][0], system.den[0][0])
@@ -429,7 +429,7 @@ class Rational:
 
     @cached_property
     def signs(self) -> Floats:
-        """1 for each zero and -1 for each pole."""
+        """Signs of `roots`: 1 for each zero and -1 for each pole."""
         return np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
 
     def log_size(self, omega: Floats) -> Floats:
@@ -461,7 +461,7 @@ def angle_sum(roots: Complexes, omega: Floats) -> Floats:
 
 
 def _structure(a: Floats, b: Floats, c: Floats) -> tuple[int, int]:
-    """Number of integrators of the realisation (a, b, c, 0), and its relative degree, both within rounding."""
+    """Number of integrators and relative degree of the realisation (a, b, c, 0), both within rounding."""
     from scipy.linalg import matrix_balance
 
     column, size, excess = b, np.abs(b), 0
@@ -554,7 +554,7 @@ def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
             left.insert(0, root)
             break
     if left:
-        raise InputError(f"transfer function: {name} contain {left[0]:g} without its conjugate; give both of each pair")
+        raise InputError(f"transfer function: {name} contain {left[0]:g} without its conjugate; give conjugate pairs")
     return real, upper
 
 

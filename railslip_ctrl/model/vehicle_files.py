@@ -105,7 +105,7 @@ def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
 
 
 def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, source: str) -> Vehicle:
-    """Make the vehicle; a key of the TOML file has priority over rolling stock, and this over published values."""
+    """Make the vehicle; the TOML file has priority over the YAML file, and both have priority over published values."""
     notes: list[str] = []
     mass, mass_loaded = _masses(keys, stock, notes)
     wheel_load = _first(keys.wheel_load, mass * GRAVITY)
@@ -145,7 +145,7 @@ def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> 
         axles = keys.axles or DEFAULT_AXLES
         if keys.axles is None and keys.mass is None:
             notes.append(
-                f"{DEFAULT_AXLES} axles are assumed, as no number is given: M is a quarter of the vehicle's mass."
+                f"{DEFAULT_AXLES} axles are assumed, because no number is given; M is a quarter of the vehicle's mass."
             )
         mass = _first(keys.mass, stock.mass * 1000.0 / axles)
         load = None if stock.load_limit is None else stock.load_limit * 1000.0 / axles
@@ -167,7 +167,7 @@ def _resistance(keys: Record, stock: RollingStock | None, mass: float, notes: li
     of_key = dict(zip(ResistanceKeys.model_fields, RESISTANCE_COEFFICIENTS, strict=True))
     absent = [name for key, name in of_key.items() if getattr(stock, name) is None and key not in given]
     if absent:
-        notes.append(f"No {' and no '.join(absent)} is given: taken as 0 in the running resistance.")
+        notes.append(f"No {' and no '.join(absent)} is given: 0 is used in the running resistance.")
     return {**stock.resistance(mass).model_dump(), **given}
 
 
@@ -177,7 +177,7 @@ def _or_published(table: str, keys: Record, published: Record, notes: list[str])
     units = type(published).units()
     lacking = [f"{name} = {values[name]:g} {units[name]}" for name in values if name not in given]
     if lacking:
-        notes.append(f"Published {table} ([Park2008] Tables 1 and 2, p. 55), as none is given: {', '.join(lacking)}.")
+        notes.append(f"Published {table} ([Park2008] Tables 1 and 2, p. 55) for missing values: {', '.join(lacking)}.")
     return {**values, **given}
 
 

@@ -222,9 +222,9 @@ _UNTOUCHED = np.full(len(tables.QUANTITIES), math.nan)
 class SensitivityRow:
     """Results if one rule of the reading is replaced by an alternative.
 
-    - results: for each column of Table 5; those of the reading if the alternative does not change the column.
+    - results: one for each column of Table 5; a column that the alternative does not change has the reading's result.
     - rms_deviation_percent: rms deviation from Table 5 over all sixteen numbers, %; NaN if a run did not stop.
-    - largest_change_percent, largest_change_of: largest change of a number of Table 5 against the reading, %, and the
+    - largest_change_percent, largest_change_of: largest change, %, of a simulated number against the reading, and the
       name of this number; NaN and "" if every changed column has a run that did not stop.
     """
 
@@ -265,7 +265,7 @@ def sensitivity(
 ) -> Sensitivity:
     """Run the reading and each alternative to one of its rules, and compare all results with [Park2008] Table 5.
 
-    - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
+    - seeds: number of runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
     - progress: called with a line of text for each alternative done.
     """
     tables.checked_seeds(seeds)

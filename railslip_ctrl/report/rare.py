@@ -30,7 +30,8 @@ def text_of(result: Result) -> str:
     """Return the result as text.
 
     The text on a rare event has its probability, the contribution of each input, and the most likely stop with the
-    event. The text on confidence levels has Kdry_rst, the deceleration of a given probability over the nominal one.
+    event. The text on confidence levels has Kdry_rst, the ratio of a quantile of the deceleration to
+    the nominal one.
     """
     facts, table, last = _levels(result) if isinstance(result, ConfidenceLevels) else _event(result)
     title = heading(f"{result}: {result.campaign.scenario.name}, {result.campaign.controllers[0].label}")

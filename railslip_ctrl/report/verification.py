@@ -61,7 +61,7 @@ def _with_numbers(text: str, numbers: Mapping[str, Any]) -> str:
 def verification_json(verification: Verification) -> dict[str, Any]:
     """Return a verification as JSON; `holds` and `how` are null if a condition was not decided.
 
-    - tolerated_errors: largest errors of the law's estimates, each alone, as ratios; null if unbounded.
+    - tolerated_errors: largest relative error of each estimate of the law if the others are exact; null if unbounded.
     - tolerances: for each quantity, the largest value at which all conditions hold while the others are as in `box`.
     """
     return {
@@ -85,7 +85,7 @@ def verification_json(verification: Verification) -> dict[str, Any]:
 
 
 def verification_text(verification: Verification, about: Sequence[tuple[str, str]] = ()) -> str:
-    """Return a verification as text; `about` has further facts for its head, as pairs (name, value)."""
+    """Return a verification as text; `about` are pairs (name, value), which are added to the facts at the beginning."""
     known = Facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
     rows = []
@@ -168,8 +168,8 @@ def _verdict(verification: Verification) -> str:
 def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:
     """Return three tables on braking runs, with a row for each case.
 
-    The tables give, for each Lyapunov condition, the share of time in which it holds and the time of its first
-    violation, and for each stage of the run the largest |s| and slip error of its last third.
+    The first two tables give the share of time in which each Lyapunov condition holds, and the time of its first
+    violation. The third gives the largest |s| and slip error in the last third of each stage of the run.
     """
     names = [condition.name for condition in cases[0][1].conditions]
     # rounded down, so that only a condition that always holds shows 100 %

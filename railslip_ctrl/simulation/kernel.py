@@ -102,7 +102,7 @@ class Settings(NamedTuple):
 
 
 class Events(NamedTuple):
-    """Time (s) or distance (m) of each event, and its new values of `p`, `c` and `chosen`, a row for each event.
+    """Time (s) or distance (m) of each event, and the values of `p`, `c` and `chosen` after the event, row by row.
 
     A value of NaN, or of -1 in `chosen`, means that the event does not change this number.
     """
@@ -175,7 +175,7 @@ def releases(t, y, p, table, a, random_torque):
 
 @compiled
 def crossings(t, y, p, table, a, locked, random_torque, next_distance):
-    """Return which changes have occurred, as a sum: 1 end of the stop, 2 lock, 4 release, 8 event at a distance."""
+    """Return the sum of the codes of all changes: 1 end of the stop, 2 lock, 4 release, 8 event at a distance."""
     crossed = 0
     if y[V] <= a.final_speed:
         crossed |= 1

@@ -60,8 +60,8 @@ class Energies:
 
     - starting, final: kinetic energy when the brake is applied, and at the end of the run.
     - booked: kinetic energy that events add by a change of mass.
-    - works: energy taken from train and wheel by each effect, by the names in `numeric.WORKS`: brake torque, slip in
-      the contact, viscous friction, travelling resistance, random force, caliper disturbance.
+    - works: energy taken from train and wheel by each effect, with the keys `numeric.WORKS`: brake torque, slip in the
+      contact, viscous friction, travelling resistance, random force, caliper disturbance.
     """
 
     starting: float
@@ -107,9 +107,9 @@ class Signals(NamedTuple):
 
 @by_content
 class Noise(NamedTuple):
-    """Random numbers of a run, standard normal: force or sensor noise divided by its standard deviation (ratios).
+    """Standard normal random numbers of a run: ratios of random force or sensor noise to the standard deviation.
 
-    - force: numbers for the random force, in order of time, 1-D; each holds for `Disturbances.random_hold`.
+    - force: numbers for the random force, in order of time, 1-D; each is used for the time `random_hold`, s.
     - sensors: numbers for the noise of train speed and wheel speed, array (n, 2) with a row for each sample.
     - seed: seed of further random numbers, if the run is longer than these arrays.
     """
@@ -131,7 +131,7 @@ class Noise(NamedTuple):
             raise InputError(f"{file_name(path)}: no such file; check the path") from None
         except (OSError, EOFError, ValueError, LookupError, AttributeError, TypeError, BadZipFile):
             raise InputError(
-                f"{file_name(path)} has no random numbers of a run; give a seed, or a stop.npz of campaign --rare"
+                f"{file_name(path)} contains no random numbers of a run; give a seed, or a stop.npz of campaign --rare"
             ) from None
 
 
@@ -200,7 +200,7 @@ class Run:
     def plot(self) -> Any:
         """Return a matplotlib figure of speeds, slip, torque and adhesion over time; InputError without `signals`."""
         if self.signals is None:
-            raise InputError("run: its time series were not recorded; simulate with record_every=1")
+            raise InputError("run: the time series were not recorded; simulate with record_every=1")
         plots = import_module("railslip_ctrl.report.plots.runs")  # imported here, because `report` imports this
         return plots.simulation_figure(self)
 
@@ -223,7 +223,7 @@ class Run:
 
     @property
     def brake_energy(self) -> float:
-        """Work of the brake torque, J, the integral of Tb omega, for the inertia multiplied by `inertia_scale`."""
+        """Work of the brake torque, J: the integral of Tb omega over time."""
         return self.energies.works["brake"]
 
 
@@ -321,7 +321,7 @@ class Simulator:
 
         - seed: source of the random numbers.
         - status: index of the outcome in `Outcome`.
-        - y, summary, log: final state, 1-D, summary, 1-D, and rows of the log, 2-D, SI, with the indices of `kernel`.
+        - y, summary, log: final state (1-D), summary (1-D) and log (2-D), SI; `kernel` defines their indices.
         """
         time = float(summary[layout.END_TIME])
         works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
@@ -401,7 +401,7 @@ def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, 
 
 
 def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:
-    """Return the source text of a simulation: adhesion law, controller (its source text), and the loop of `kernel`."""
+    """Return the source text of a simulation: adhesion law, the source text `controller`, and the loop of `kernel`."""
     loop = Path(layout.__file__).read_text("utf-8")
     return module_text(law, controller, plain(loop), compiled=compiled)
 
@@ -487,7 +487,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
 
 
 def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> AdhesionLaw:
-    """Adhesion law that the controller assumes: its own law, or else that of the scenario with adhesion factor 1."""
+    """Return the law that the controller assumes: `model_law`, else the scenario's law with adhesion factor 1."""
     return scenario.law(rail) if controller.model_law is None else controller.model_law.on(rail)
 
 

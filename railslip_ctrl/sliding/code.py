@@ -1,6 +1,6 @@
-"""Python code of the sampled law, with the parameter values of an adhesion law if they come from a file.
+"""Python code of the sampled law; it contains the parameters of the adhesion law if they were read from a file.
 
-The code is a module made from `templates/law.py.jinja`. `controllers` compiles it into kernels and prints it as C99.
+The code is a module made from `templates/law.py.jinja`. The package `controllers` compiles it and writes it as C99.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _head(note: tuple[str, ...]) -> list[str]:
 
 
 class _Printer(PythonCodePrinter):  # type: ignore[misc]
-    """Printer of Python code with powers up to 4 as products, because ** raises OverflowError, and with sgn 0 = 0."""
+    """Prints Python code; powers up to 4 become products, because ** can raise OverflowError, and sgn 0 is 0."""
 
     def _print_Pow(self, expression: sp.Expr, **options: object) -> str:
         base, exponent = expression.as_base_exp()
@@ -194,7 +194,7 @@ def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, .
 
 
 def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...], file: Path) -> LawCode:
-    """Return the code with the numbers appended, one dictionary per rail, and the name of their `file` in its head."""
+    """Return the code with `numbers` appended, a dictionary for each rail; the head of the code names `file`."""
     # the code of a law without a closed form takes the adhesion torque as an argument
     named = [(one.rail, {PREFIX + name: value for name, value in one.parameters}) for one in numbers]
     if not all(name in code.law.parameters for _, row in named for name in row):

@@ -29,8 +29,8 @@ class LyapunovSignals:
     """Lyapunov function and related signals along a run, without the last two samples, where V' is not known.
 
     - time (s), s (m/s), s_rate (m/s^2).
-    - V, V_rate: V = s^2/2, or [Park2008] (46) with adaptation, in (m/s)^2, and its rate, in (m/s)^2/s.
-    - V_rate_constant: V' as if the true theta were constant (without mass step and drift of B).
+    - V, V_rate: V in (m/s)^2 and V' in (m/s)^2/s. V is s^2/2, or (46) of [Park2008] for a law with adaptation.
+    - V_rate_constant: V' without the terms from changes of the true theta, which changes with the mass and B.
     - asked, available: the two sides of (40) times J/r: (J/r)|d| and K + D|s|, N*m.
     - theta_hat, theta: estimates and true values, (n, 2), 1/(kg m) and m/s.
     """
@@ -49,7 +49,7 @@ class LyapunovSignals:
 
 @dataclass(frozen=True)
 class AlongRun:
-    """A condition along a run: share of the time in which it holds, time of its first violation, s (NaN if none)."""
+    """A condition along a run: share of time in which it holds; time of the first violation, s, or NaN if none."""
 
     name: str
     share: float
@@ -63,7 +63,7 @@ class AlongRun:
 
 @dataclass(frozen=True)
 class LyapunovRun:
-    """A run with its conditions; `ultimate`: largest |s|, m/s, and slip error, late in each stage (`TAIL`)."""
+    """A run and its conditions; `ultimate`: largest |s|, m/s, and slip error in the last third of each stage."""
 
     run: Run
     signals: LyapunovSignals
@@ -71,12 +71,12 @@ class LyapunovRun:
     ultimate: tuple[tuple[float, float], ...]
 
     def condition(self, name: str) -> AlongRun:
-        """Return the condition with a name; KeyError for an unknown name."""
+        """Return the condition called `name`; KeyError if there is none."""
         return {condition.name: condition for condition in self.conditions}[name]
 
 
 def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True, seed: int | None = 0) -> LyapunovRun:
-    """Simulate a scenario, with or without its actuator, and evaluate the conditions along the run."""
+    """Simulate a scenario, without lag and dead time if not `actuator`, and evaluate the conditions along it."""
     if not actuator:
         ideal = scenario.vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
         scenario = scenario.model_copy(update={"vehicle": ideal})

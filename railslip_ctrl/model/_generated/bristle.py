@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "8d450180c91174691fb6ce52c9f6950bff8b198c60da28845f6e87da29cb375b"
+SOURCES_SHA256 = "3a688a68b8d79d1e6c625b0bac3451e499afa1017dd8a3418d481133bff3a3ca"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

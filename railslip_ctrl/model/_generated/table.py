@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "8cedca029b86d5638a59e88c2973eb15f8d02fb1d0f91342a525b86d51bdf002"
+SOURCES_SHA256 = "368cec79ba8ee360ac1143d7b706f88476292ff34a7e99d4285e118b544294c2"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

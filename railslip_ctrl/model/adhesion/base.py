@@ -27,7 +27,7 @@ RANDOM_SHARE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: standard deviation of the rando
 
 
 class ReferenceSlip(Record):
-    """Reference slip ratio of the controller, by rail condition."""
+    """Reference slip ratios of a controller for dry and for wet rail."""
 
     dry: float = quantity("1", "reference slip ratio, dry rail", gt=0, lt=1)
     wet: float = quantity("1", "reference slip ratio, wet rail", gt=0, lt=1)
@@ -52,7 +52,7 @@ class Statement:
     - force: Fa, N; with the sign of sigma in steady state.
     - state_rate: z', m/s; None for a static law.
     - steady_state: z with z' = 0, m, as a function of sigma; None for a static law.
-    - functions: for each class of SymPy functions that the law defines, by name, the numeric function as
+    - functions: maps the name of each SymPy function class that the law defines to the numeric function, given as
       "module:function".
     - sigma_limit: upper limit of |sigma|, m/s; None if the equations are valid for every sigma.
     - state_limit: upper limit of |z|, m, the supremum of |steady_state| ([CanudasDeWit1995]); None for a static law.
@@ -131,7 +131,7 @@ class AdhesionLaw(Record):
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
-        """Names of the parameters in generated functions; the last one may be starred, for the remaining values."""
+        """Names of the parameters in generated functions; a last name "*table" takes all remaining values."""
         return cls.parameter_names()
 
     @classmethod
@@ -151,7 +151,7 @@ class AdhesionLaw(Record):
         return tuple(float(getattr(self, name)) for name in self.parameter_names())
 
     def wet(self) -> Self:
-        """Law for wet rail: with the published wet set if this law has the published dry set, else by `wet_factors`."""
+        """Law for wet rail: the published one if this law has the published dry parameters, else by `wet_factors`."""
         if self.rail is Rail.WET:
             return self
         dry = self.published_sets.get(Rail.DRY, {})
@@ -161,10 +161,12 @@ class AdhesionLaw(Record):
         return self.model_copy(update={**update, "rail": Rail.WET})
 
     def weakened(self, factor: float) -> Self:
-        """Law with its adhesion multiplied by `factor`, > 0, by powers of the `wet_factors`."""
+        """Law with the adhesion multiplied by `factor`, > 0: powers of the `wet_factors` multiply the parameters."""
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
-            raise InputError(f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors; define them")
+            raise InputError(
+                f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors; define this attribute"
+            )
         halvings = math.log(factor) / math.log(0.5)
         update = {name: getattr(self, name) * half**halvings for name, half in self.wet_factors.items()}
         return self.model_copy(update=update)
@@ -196,7 +198,7 @@ class AdhesionLaw(Record):
         return self.reference.wet if Rail.of(rail) is Rail.WET else self.reference.dry
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Upper limit of the slip ratio at speed `v`, m/s, or infinity, and the reason of the limit as text."""
+        """Upper limit of the slip ratio at speed `v`, m/s, or infinity, and the reason for the limit as text."""
         return math.inf, ""
 
     def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:
@@ -229,7 +231,7 @@ def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:
     if not low <= real("initial speed", initial_speed_kmh) <= high:
         raise InputError(
             f"initial speed: {initial_speed_kmh:g} km/h is outside {low:g} to {high:g} km/h, "
-            "the range of the published adhesion parameters; give a speed inside"
+            "the range of the published adhesion parameters; give a speed in this range"
         )
     number("wheel load", wheel_load, "N", gt=0)
 

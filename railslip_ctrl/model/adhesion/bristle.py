@@ -17,8 +17,8 @@ REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)  #: [Park2008] p. 55
 class Bristle(AdhesionLaw):
     """Railway bristle model Fa = alpha z, z' = sigma - alpha h |sigma| z, h = beta/(gamma - |sigma|).
 
-    The source prints sigma for |sigma|; z then diverges for sigma < 0. In steady state Fa = (gamma - sigma)/beta for
-    sigma > 0. The law is valid for |sigma| < gamma.
+    [Park2008] prints sigma instead of |sigma|; z would diverge for sigma < 0. In steady state Fa = (gamma - sigma)/beta
+    for sigma > 0. The law is valid for |sigma| < gamma.
     """
 
     name: ClassVar[str] = "bristle"
@@ -62,7 +62,7 @@ def published_coefficients(initial_speed_kmh: float, wheel_load: float) -> tuple
     """Parameters alpha (N/m), beta ((m/s)/N) and gamma (m/s) for dry rail by [Park2008] (30)-(32).
 
     The unit that the source prints for alpha is wrong; N/m gives the published peaks. For a wheel load other than
-    34 500 N alpha and beta are scaled on the assumption that mu does not change with the load.
+    34 500 N, alpha and beta are scaled on the assumption that mu does not change with the load.
     """
     check_published_range(initial_speed_kmh, wheel_load)
     v0 = initial_speed_kmh

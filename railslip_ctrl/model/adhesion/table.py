@@ -24,7 +24,7 @@ WET_FACTOR = 0.5  #: adhesion on wet rail over that on dry rail, as for the othe
 
 
 class LookupTable(AdhesionLaw):
-    """Tabulated law Fa = N mu(lambda), mu by monotone cubic interpolation (PCHIP), odd in lambda.
+    """Tabulated law Fa = N mu(lambda), odd in lambda; monotone cubics (PCHIP) interpolate mu.
 
     `slip` ascends strictly from 0 to at most 1, and `mu` is >= 0; a missing point (0, 0) is added. The curve ends at
     the last point. In a file:
@@ -66,7 +66,7 @@ class LookupTable(AdhesionLaw):
     @model_validator(mode="after")
     def _one_each(self) -> Self:
         if len(self.slip) != len(self.mu):
-            raise InputError(f"mu: {len(self.mu)} values for {len(self.slip)} slip ratios; give one per slip ratio")
+            raise InputError(f"mu: {len(self.mu)} values for {len(self.slip)} slip ratios; give one for each ratio")
         if min(self.mu) < 0.0:
             raise InputError(f"mu: {min(self.mu):g} is not allowed; give adhesion coefficients >= 0")
         if self.slip[0] == 0.0 and self.mu[0] != 0.0:

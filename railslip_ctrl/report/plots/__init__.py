@@ -1,4 +1,4 @@
-"""Matplotlib figures of results, computed elsewhere; no other package imports matplotlib."""
+"""Matplotlib figures of results that other packages compute; no other package imports matplotlib."""
 
 from .designs import (
     bode_figure,

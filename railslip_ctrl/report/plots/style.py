@@ -55,7 +55,7 @@ def rail_style(rail: Rail) -> dict[str, Any]:
 
 
 def mark_style(i: int) -> dict[str, Any]:
-    """Return colour and marker of the marks of data set number `i`, which has no line."""
+    """Return colour and marker of data set number `i`, whose points are not connected by a line."""
     return {"color": line_style(i)["color"], "marker": _MARKERS[i % len(_MARKERS)], "linestyle": "none"}
 
 
@@ -82,7 +82,7 @@ def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> N
 def grid_of(
     count: int, columns: int, title: str, height: tuple[float, float], **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """Return a figure and its `count` panels, which are arranged in a number of `columns`.
+    """Return a figure and its `count` panels, arranged in `columns` columns.
 
     - height: height of title and legend together, and height of each row of panels, inches.
     """
@@ -95,10 +95,10 @@ def grid_of(
 
 
 def magnitudes_figure(records: Mapping[str, Any], fields: Mapping[str, str], title: str, height: float) -> Figure:
-    """Plot |x| over frequency for some fields x of records, with a panel for each field and a line for each record.
+    """Plot the magnitude of fields of `records` over frequency: a panel for each field, a line for each record.
 
-    - records: records by name; each has the frequencies `omega`, rad/s.
-    - fields: title of the panel by field name.
+    - records: maps the labels of lines to records; each record has the frequencies `omega`, rad/s.
+    - fields: maps field names to panel titles.
     - height: height of the figure, inches.
     """
     figure, axes = grid_of(len(fields), 2, title, (0.0, height / 2), sharex=True)
@@ -128,7 +128,7 @@ def folded(text: str, inches: float, size: float = TEXT) -> str:
 
 
 def legend_below(ax: Any, drop: float = 0.2, columns: int = 1, **options: Any) -> None:
-    """Put a legend below the axes; `drop` is the distance from axes to legend over the height of the axes, a ratio."""
+    """Put a legend below the axes; `drop` is the ratio of the distance from axes to legend to the axes' height."""
     anchor = {"loc": "upper center", "bbox_to_anchor": (0.5, -drop)}
     ax.legend(ncols=columns, handlelength=_HANDLE, **anchor, **_LEGEND, **options)
 
@@ -186,7 +186,7 @@ def standard_settings() -> Iterator[None]:
 
 
 def figure_files(figure: Figure, forms: Sequence[str] = ("png", "svg")) -> dict[str, bytes]:
-    """Return the content of a figure's file in each of the `forms`, by suffix; all have the same layout."""
+    """Return the file content of a figure for each format in `forms`; the formats are the keys."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
