@@ -1,7 +1,7 @@
 """railslip_ctrl: wheel-slip control design for trains.
 
 The public names of the package load on first use, so that an import or a command is fast. All other names are in the
-packages below. The docstring of each package says where to begin. From the lowest to the highest they are `core`,
+following packages, whose docstrings say where to begin. A package imports only from packages before it: `core`,
 `model`, `loop`, `sliding`, `controllers`, `design`, `simulation`, `verification`, `identification`, `paper`, `report`,
 `page` and `cli`.
 """

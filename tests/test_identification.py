@@ -225,7 +225,7 @@ def test_what_a_steady_curve_or_too_little_of_it_does_not_show_is_said():
     few = slip[:300:40]
     found = fitted("beam", gathered(samples(few, V100, law_coefficient("beam", few, V100))))
     assert all(math.isnan(p.stderr) for p in found.parameters)
-    assert "too few independent stretches of data for standard errors" in found.notes
+    assert any("standard errors" in note for note in found.notes)
 
 
 def test_bounds_hold_and_an_active_one_is_said():

@@ -149,7 +149,7 @@ BOTH_KINDS = 'events = [{time = 20.0, rail = "dry", adhesion_factor = 1.0}, {dis
     ('initial_speed = "200 km/h"', "outside 30 to 140 km/h"),
     ("step = 1e-9", "step: 1e-09 is not allowed; give a value >= 1e-05"),
     ('extends = "park2009"', "extends: .*'park2009'; choose park2008"),
-    ('extends = "mine.toml"', "files extend one another"),
+    ('extends = "mine.toml"', "extends: a chain of 8 files"),
     ('extends = "none.toml"\nadhesion = "curve"\ninitial_speed = 20.0', "none.toml: no such file"),
     ('vehicle = "park2008"\nadhesion = "curve"', "initial_speed: missing"),
     ('vehicle = "park2008"\ninitial_speed = 20.0', "adhesion: missing"),

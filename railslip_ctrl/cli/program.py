@@ -1,4 +1,4 @@
-"""The `railslip` command group; each subcommand is a module that is imported when it is called."""
+"""The `railslip` command group, which imports the module of a subcommand only when the user calls it."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def railslip() -> None:
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; every error is one line on standard error.
 
-    Raises KeyboardInterrupt, which the caller handles.
+    Raises KeyboardInterrupt if the user interrupts the command.
     """
     for stream in (sys.stdout, sys.stderr):
         reconfigure: Any = getattr(stream, "reconfigure", None)

@@ -79,8 +79,9 @@ def command(
 ) -> None:
     """Find one set of gains for all operating points of an envelope, empty and loaded.
 
-    The result is judged with tolerances, and as a sampled loop. If options give operating points, the gains are tuned
-    only for these points, in continuous time. Exit status 1 if the specification cannot be met, 2 for bad input.
+    The result is judged with tolerances, and as a sampled loop. Without --envelope, options for rail, adhesion, slip,
+    speed or load restrict the tuning to their operating points, in continuous time. Exit status 1 if the specification
+    cannot be met, 2 for bad input.
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
@@ -91,8 +92,8 @@ def command(
     if not issubclass(kind, PI):
         if minimise_ms or {phase_min, delay_min, ki_min, lead, lead_filter} != {None}:
             raise InputError(
-                f"--structure {structure}: the parameters of this controller are computed from the vehicle; of the "
-                "tuning options give only --ms-max"
+                f"--structure {structure}: the parameters of this controller are computed from the vehicle; leave "
+                "out all tuning options except --ms-max"
             )
         judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
         _by_rule(ctx, by_rule(kind, judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)

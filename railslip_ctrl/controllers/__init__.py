@@ -1,7 +1,7 @@
 """Controllers: each kind of controller is one class, with the control law as its method `step`.
 
-Begin with `base` (the base class) and `slide_protection` (a short kind). Simulation, C code and verdicts over an
-envelope use only this class.
+Begin with `base` (the base class) and `slide_protection` (a short example). Simulation, C code and verdicts over an
+envelope use every controller through the base class.
 
 - kinds: `pi`, `linear`, `scheduled`, `slide_protection`, `sliding` (the published law), `predictive`, `seeking`,
   `torque_profile`, `user_step` (a user's object or function)

@@ -1,7 +1,7 @@
 """Writes a controller and its guard as C99, in a header and a source file.
 
-`c_function` translates the Python functions that simulations call. All numbers are double, or float if `..._FLOAT32` is
-defined.
+The module `c_function` translates the Python functions that simulations call. All numbers in C are double, or float if
+the macro PREFIX_FLOAT32 is defined, where PREFIX is the program's name in capitals.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class CProgram:
 
 @dataclass(frozen=True)
 class Member:
-    """Field of a C structure; `rules` are C conditions, in which {} is the value, and `length` is that of an array."""
+    """Field of a C structure; `length` is None unless it is an array. In the C conditions `rules`, {} is the value."""
 
     name: str
     comment: str
@@ -74,9 +74,10 @@ def c_program(
 ) -> CProgram:
     """Return a controller as a C99 program whose default parameters are the numbers of the controller.
 
-    - control, vehicle: controller, and the vehicle that it assumes where it sets no values itself.
+    - control: the controller.
+    - vehicle: provides the vehicle parameters that the controller does not set itself.
     - name: name of the two files, without ending; by default the controller's label.
-    - rail: the default reference slip is that for this rail.
+    - rail: rail for which the default parameters, for example the reference slip, are computed.
     - notes: lines for the comment at the top of the header.
 
     InputError if the controller is a user's Python object or function, or if a required adhesion law or reference slip
@@ -100,10 +101,11 @@ LAW_INPUTS = {"v": "train_speed", "omega": "wheel_speed", "Ta": "adhesion_torque
 
 
 def law_program(code: LawCode, *, name: str = "asmc") -> CProgram:
-    """Return a generated sliding-mode law and its guard as a C99 program; `name` is that of the files, without ending.
+    """Return a generated sliding-mode law and its guard as a C99 program; `name` is the file name without ending.
 
-    The parameters are zero by default, and the C function init rejects most zeros, so that the user of the program must
-    set them. If the law was generated from an adhesion file, the header has macros with the parameters of this file.
+    The law's parameters are 0 by default. The C function init rejects most of them if they are 0, so the user of the
+    program must set them. If the law was generated from an adhesion file, the header has macros with the parameters of
+    this file.
     """
     law = module_of(code.python)
     step = read_step(law.law_step, {"state": STATE, "p": PARAMETERS})
@@ -210,7 +212,7 @@ def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable
         elif repr(value) != repr(other):  # the text of NaN equals that of NaN
             raise InputError(
                 f"state: the initial value of {name} is neither a constant nor the train speed; give a constant, and "
-                "compute the value in the first sample"
+                "compute the value in the first call of step"
             )
         members.append(Member(name, *_described(owners, name), length, value))
     return members
@@ -241,7 +243,7 @@ _OF_EVERY_STEP = {
 
 
 def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]:
-    """Return the meaning of a field with its unit, and its bounds as C conditions, in which {} is the value."""
+    """Return the meaning and unit of the field `name`, and C conditions on its value, which is written as {}."""
     if name in _OF_EVERY_STEP:
         return _OF_EVERY_STEP[name]
     for owner in owners:

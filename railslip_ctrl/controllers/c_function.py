@@ -42,7 +42,7 @@ def c_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Structures:
-    """Names of the C structures by role, lengths of their arrays by role and field, and prefix of the C functions."""
+    """Names of the C structures for state, parameters and measurement, lengths of their arrays, prefix of functions."""
 
     types: Mapping[str, str]
     lengths: Mapping[tuple[str, str], int] = field(default_factory=dict)
@@ -57,7 +57,7 @@ def writes_state(function: Function) -> bool:
 
 
 class CFunction:
-    """C translation of a Python function. It has one `return`; variables that are assigned once are `const`."""
+    """C translation of a Python function, with one `return`; variables that are assigned once are `const`."""
 
     def __init__(self, function: Function, structures: Structures) -> None:
         self._function, self._structures = function, structures
@@ -378,7 +378,10 @@ class CFunction:
         )
 
     def operations(self, bound: int, counts: Mapping[str, int]) -> int:
-        """Return an upper bound on the operations of a call in which loops without a fixed end run `bound` times."""
+        """Return an upper bound on the arithmetic operations of one call; `counts` has those of the called functions.
+
+        It assumes that loops without a fixed end run `bound` times.
+        """
         return sum(self._count(statement, bound, counts) for statement in self._body)
 
     def _count(self, node: ast.AST, bound: int, counts: Mapping[str, int]) -> int:
@@ -397,7 +400,7 @@ _COUNTED = (ast.BinOp, ast.UnaryOp, ast.Compare, ast.AugAssign, ast.Call, ast.If
 
 
 class _Returns:
-    """Replaces each `return` in a function body by an assignment; the statements after it move into branches."""
+    """Rewrites the `return` statements of a function body as assignments and branches, so that C needs one `return`."""
 
     def __init__(self, values: int, result: str, returned: str) -> None:
         self._names = [result] if values == 1 else [f"{result}{i}" for i in range(values)]

@@ -1,7 +1,7 @@
 """Guard between a controller and the brake: it handles bad samples, a stuck sensor, a locked wheel and torque limits.
 
-Python (`ControlUnit`) and the generated C99 use the same functions, in which g is the guard's state, m the measurement,
-and q the guard's parameters.
+Python (`ControlUnit`) and the generated C99 use the same functions. Their arguments are the guard's state `g`, the
+measurement `m` and the guard's parameters `q`.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .linear import full_brake_torque
 class Status(IntEnum):
     """Action of the guard at a sample.
 
-    - OK: the sample is good; the command is the controller's, within the limits
+    - OK: the sample is good; the command is the controller's command, cut to the limits
     - HOLDING: the sample is bad; the command is the last command
     - RELEASING: samples have been bad for longer than the hold time; the command falls to 0
-    - FAULT: samples are still bad; the command is 0
+    - FAULT: samples have been bad for longer than the hold time; the command is 0
     - LOCKED: the wheel is locked while the train moves; the command is 0
     """
 
@@ -100,8 +100,8 @@ def is_good(g: Any, m: Any, q: Any) -> Any:
     """Return 1 if the controller may use a sample, else 0.
 
     A sample is bad if a speed is not finite, negative or above the sensor's range, or if the wheel speed has not
-    changed for `stuck_time` while torque acts. It is also bad if the rim speed is far above the train speed: braking
-    cannot cause this, so that one of the sensors must be wrong.
+    changed for `stuck_time` while torque acts. It is also bad if the rim speed is far above the train speed,
+    which braking cannot cause.
     """
     v, omega = m.train_speed, m.wheel_speed
     plausible = 1.0 if 0.0 <= v <= q.speed_max and 0.0 <= omega <= q.wheel_speed_max else 0.0  # 0 for NaN
@@ -154,9 +154,10 @@ class Command(NamedTuple):
 class ControlUnit:
     """A controller and its guard, called sample by sample as in the generated C99 program.
 
-    - control, vehicle: controller, and the vehicle that it assumes where it sets no values itself.
+    - control: the controller.
+    - vehicle: provides the vehicle parameters that the controller does not set itself.
     - speed: train speed when the brake is applied, m/s.
-    - rail: the reference slip is that for this rail.
+    - rail: rail for which the controller's parameters, for example the reference slip, are computed.
 
     InputError if the controller is a user's Python object or function, or for a parameter that `Guard` does not allow.
     """
@@ -205,7 +206,7 @@ def mutable(state: Any) -> SimpleNamespace:
 
 
 def step_parameters(control: Controller, rail: Rail, period: float) -> dict[str, Any]:
-    """Return the parameters that the controller's `step` reads on a rail, by name; `period` is in s.
+    """Return names and values of the parameters that `step` of the controller reads on a rail; `period` is in s.
 
     InputError if a controller that tracks a reference slip has none.
     """

@@ -38,7 +38,7 @@ class ScheduleEntry:
 
 @dataclass(frozen=True)
 class GainSchedule:
-    """PI gains over speed and rail, linear in speed between the `entries` and constant outside of their speeds.
+    """PI gains for each rail, interpolated linearly over speed between the `entries` and constant below and above them.
 
     All entries have the same `lead` and `lead_filter` (s). Below `lowest_speed_kmh` some loops are unstable, and slip
     control must be switched off. `worst_ms` is the largest Ms at the scheduled speeds and between them. InputError for
@@ -73,7 +73,7 @@ class GainSchedule:
         mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
         if not mine:
             raise InputError(
-                f"rail: the schedule has no entries for {rail} rail; tune it for this rail, or choose another"
+                f"rail: the schedule has no entries for {rail} rail; tune it for this rail, or choose another rail"
             )
         speeds = [e.speed_kmh for e in mine]
         kp = float(np.interp(speed / KMH, speeds, [e.gains.kp for e in mine]))
@@ -81,7 +81,7 @@ class GainSchedule:
         return PIController(PIGains(kp=kp, ki=ki), self.lead, self.lead_filter)
 
     def to_json(self) -> str:
-        """Return the schedule as JSON text, which `from_json` reads; the unit is SI, or the unit that a key names."""
+        """Return the schedule as JSON text for `from_json`; values are in SI, or in the unit at the end of the key."""
         entries = []
         for e in self.entries:
             gains = {"kp_si": e.gains.kp, "ki_si": e.gains.ki}
@@ -104,14 +104,17 @@ class GainSchedule:
             raise
         except (ValueError, KeyError, TypeError) as error:
             reason = " ".join(str(error).split())
-            raise InputError(f"gain schedule: not a schedule in JSON ({reason}); write it with to_json") from None
+            raise InputError(
+                f"gain schedule: the text is not a schedule in JSON ({reason}); write the text with to_json"
+            ) from None
         return cls(tuple(entries), *others)
 
 
 class Scheduled(Controller):
-    """PI-lead with the gains of a `GainSchedule`; the default tracking time of the anti-windup is kp/ki.
+    """PI-lead with the gains of a `GainSchedule`.
 
-    InputError as for `LinearControl`, or if the schedule has no entries for a rail of the run.
+    InputError for a period, tracking time or torque limit that `SampledController` does not allow, or if the schedule
+    has no entries for a rail of the run.
     """
 
     kind: ClassVar[str] = "scheduled"
@@ -155,7 +158,7 @@ class Scheduled(Controller):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Make the controller from the keys of its file; `schedule` is a table or the name of a JSON file."""
+        """Make the controller from its file's keys; the key `schedule` has a table or the name of a JSON file."""
         if isinstance(content.get("schedule"), str):
             schedule = GainSchedule.from_json(read_text(path.parent / content["schedule"]))
             content = {**content, "schedule": schedule}
@@ -240,7 +243,7 @@ class Scheduled(Controller):
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
         """Return the controller with the fields `given`, which include `schedule`.
 
-        By default the torque is limited to 0 and the full brake, and the tracking time is `TRACKING_TIME`.
+        By default the torque limits are 0 and the full brake torque, and the tracking time is `TRACKING_TIME`.
         """
         limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), "tracking_time": TRACKING_TIME}
         return cls(**{**limits, **given}).believing(vehicle)

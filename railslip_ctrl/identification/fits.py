@@ -50,7 +50,7 @@ def search(
     `residuals` is a function of the parameter values. The search begins at the coordinates `begin` and ends when the
     relative change of the sum is below `tolerance`, or after `most` evaluations. A regularisation pulls the coordinates
     towards `centre`, by default `begin`, with a `weight` in the unit of the residuals. The returned sum does not
-    include it.
+    include the regularisation.
     """
     from scipy.optimize import least_squares
 
@@ -113,10 +113,11 @@ _LEAST_INFORMATION = 1e-8  # share of the information below which a test does no
 
 
 def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
-    """Return the number of the test, from 0, to which each interval between rows belongs; arrays of one length.
+    """Return the number, from 0, of the test to which each interval between rows belongs; arrays of equal length.
 
-    An interval ends at `time`, s, has the length `step`, s, and belongs to the run with the number `run`. A pause
-    shorter than half the longest run, for example after a short release of the brake, does not begin a new test.
+    An interval ends at `time`, s, has the length `step`, s, and belongs to the run with the number `run`. If the pause
+    between two runs, for example a short release of the brake, is shorter than half the longest run, they belong to
+    the same test.
     """
     first = np.flatnonzero(np.diff(run, prepend=-1))
     if not len(first):
@@ -131,8 +132,8 @@ def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> t
     """Covariance of p parameters, (p, p), by a jackknife over the tests, and degrees of freedom.
 
     The `residuals` at the least-squares solution have variance 1. `slopes` is their Jacobian, (residuals, p), of full
-    rank. `test` is the number, from 0, of the test of each residual. Returns None if the tests agree, if there are too
-    few tests, or if a single test has nearly all information on some combination of parameters.
+    rank. `test` has, for each residual, the number of its test, from 0. Returns None if the tests agree, if there are
+    too few tests, or if a single test has nearly all information on some combination of parameters.
     """
     tests, size = int(test.max(initial=-1)) + 1, slopes.shape[1]
     if tests < max(LEAST_TESTS, size + 2):
@@ -149,7 +150,6 @@ def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> t
 
 
 def _disagree(known: Floats, gradient: Floats) -> bool:
-    """True if separate fits to the tests lower the sum of squares by more than noise within tests explains."""
     from scipy.stats import chi2
 
     information, directions = np.linalg.eigh(known)
@@ -179,11 +179,11 @@ _TOLERATED = 0.125  # accepted relative error of a symmetric interval's half wid
 def is_symmetric(
     residuals: Residuals, coordinates: Coordinates, x: Floats, end: Floats, index: int, half: float, rise: float
 ) -> bool:
-    """True if the symmetric interval of the parameter `index` is valid, which is checked at both ends.
+    """True if the symmetric interval of the parameter `index` is valid; both its ends are checked.
 
-    The ends are at x - `end` and x + `end`, where x are the best coordinates. At each end the parameter must have
-    changed by `half` and the sum of squares must have risen by `rise`, within tolerances, and no coordinate may have
-    reached its bound.
+    The coordinates at the ends are x - `end` and x + `end`, where `x` are the best coordinates. There the parameter
+    must differ from its best value by about `half`, and the sum of squares from its least value by about `rise`. No
+    coordinate may be on or beyond a bound.
     """
     value = float(coordinates.values(x)[index])
     least = float(np.sum(residuals(coordinates.values(x)) ** 2))
@@ -211,10 +211,10 @@ def profile_interval(
 ) -> tuple[float, float]:
     """Profile-likelihood interval of the parameter `index`: at its ends the sum of squares has risen by `rise`.
 
-    For each value of this parameter all other parameters are fitted again. The interval ends at the bound of the
-    parameter if the sum does not rise by `rise` before. `values` are the best values of all parameters. The standard
-    error `stderr` of the parameter gives the first trial. `beside` is the half width due to an independent error; it is
-    added in quadrature.
+    For each value of this parameter all other parameters are fitted again. If the sum has risen by less than `rise` at
+    the bound of the parameter, the interval ends at the bound. `values` are the best values of all parameters. `stderr`
+    is the standard error of the parameter. `beside` is the half width due to an independent error; it is added in
+    quadrature.
     """
     inverse, value = coordinates.by_inverse(index), float(values[index])
     best, unit = coordinates.represented(index, value), value**-2 if inverse else 1.0
@@ -416,10 +416,10 @@ def _transformed(own: Floats, jacobian: Floats, unknown: Flags, free: Flags) -> 
 def _profiles(
     problem: Problem, x: Floats, jacobian: Floats, unit: Floats, own: Floats, beside: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Profile-likelihood intervals, by index, of the parameters whose symmetric interval is not valid.
+    """Profile-likelihood intervals of the parameters whose symmetric interval is not valid; the keys are their indices.
 
-    `unit` is the covariance of the coordinates for residuals of variance 1, `own` their estimated covariance. `beside`
-    is, for each parameter, the half width due to errors of the numerical method.
+    `unit` is the covariance of the coordinates for residuals of variance 1. `own` is the estimated covariance of the
+    coordinates. `beside` has, for each parameter, the half width due to errors of the numerical method.
     """
     coordinates, residuals, intervals = problem.coordinates, problem.residuals, {}
     own, unit = np.nan_to_num(own), np.nan_to_num(unit)
@@ -454,14 +454,14 @@ def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np
 
 
 def slopes_of(problem: Problem, x: Floats) -> Floats:
-    """Jacobian of a problem's residuals at the coordinates x, by `differences`."""
+    """Compute the Jacobian of a problem's residuals with respect to the coordinates, at the coordinates `x`."""
     return differences(problem.residuals, problem.coordinates, x, _DIFFERENCE * problem.coordinates.sizes(x))
 
 
 def unidentified(scaled: Floats) -> Flags:
     """True for each coordinate that can change, alone or with others, without a change of the residuals.
 
-    `scaled` is the Jacobian of the residuals for coordinates divided by their sizes.
+    `scaled` is the Jacobian of the residuals with respect to the coordinates, each divided by its size.
     """
     if not scaled.size:
         return np.zeros(scaled.shape[1], dtype=bool)
@@ -536,7 +536,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model. Fields that need a prediction-error fit are NaN or None without this fit."""
+    """A fitted model."""
 
     model: FitModel
     law: AdhesionLaw  # with the fitted parameters
@@ -675,10 +675,10 @@ def long_run_variance(
 ) -> tuple[float, int]:
     """Long-run variance of the residuals (n times the variance of the mean of n samples), and its degrees of freedom.
 
-    Short stretches of time do not show the scatter from run to run. The variance is therefore computed for stretches of
-    several lengths; the largest one with enough degrees of freedom is returned. `mean` is the model's mean mu in each
-    cell, `used` a mask of cells, `parameters` the number of fitted parameters, `tau` the time constant of the observer,
-    s (0: no observer).
+    The data are divided into stretches of time. The variance is computed for several lengths of the stretches, because
+    short ones do not show the scatter from run to run. The largest variance with enough degrees of freedom is returned.
+    `mean` is the model's mean mu in each cell. `used` is True for the cells that were fitted. `parameters` is the
+    number of fitted parameters, and `tau` the observer's time constant, s (0: no observer).
     """
     entry = used[stretches.cell]
     stretch, length = stretches.stretch[entry], stretches.length
@@ -711,5 +711,5 @@ def _remarks(parameters: Sequence[Parameter], variance: float) -> tuple[str, ...
     if loose:
         remarks.append(f"{', '.join(loose)}: hardly identified, standard error larger than the value")
     if math.isnan(variance) and all(math.isnan(p.stderr) for p in parameters):
-        remarks.append("too few independent stretches of data for standard errors")
+        remarks.append("the log is too short to compute standard errors")
     return tuple(remarks)

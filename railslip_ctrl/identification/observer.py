@@ -63,7 +63,7 @@ class Encoder:
     def speed(self, time: ArrayLike, angle: ArrayLike) -> Floats:
         """Return the measured speed (rad/s) at all times but the first: k - 1 values.
 
-        `time` in s and true `angle` in rad are arrays of one length k, 1-D.
+        `time` in s and true `angle` in rad are 1-D arrays of equal length k.
         """
         counted = np.floor(np.asarray(angle, dtype=float) / self.angle_step)
         return np.asarray(np.diff(counted) * self.angle_step / np.diff(np.asarray(time, dtype=float)))
@@ -266,13 +266,14 @@ class TorqueObserver(ABC):
     def _after(self, x: Floats, h: Floats, before: Floats, now: Floats) -> tuple[Floats, Floats]:
         """Return estimates and states after the samples `now` (k, 2) of torque and speed.
 
-        `before` (k, 2) are the samples one interval `h` (k, s) earlier; `x` is the state after `before[0]`.
+        `before` (k, 2) has the sample before each of them, and `h` (k,) the time between the two, s. `x` is the state
+        after `before[0]`.
         """
 
     def run(
         self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: ObserverState | None = None
     ) -> Estimates:
-        """Estimate the adhesion torque from samples at regular or irregular intervals; arrays of one length.
+        """Estimate the adhesion torque from samples at regular or irregular intervals; arrays of equal length.
 
         `time`, s, 1-D, must increase; `torque`, N*m, 1-D, and `omega`, rad/s, 1-D, are as measured. Without `state` the
         wheel speed is assumed constant at the first sample; with the `state` after an earlier call the estimation
@@ -378,10 +379,10 @@ _LARGEST_RESIDUAL = 1e-6
 def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool) -> Floats:
     """Solve the Riccati equation of a Kalman filter for the covariance P of its error; the first state is measured.
 
-    `A` is the matrix of the states, `driven` the noise that drives them, `noise` that of the measurement C x, where C
-    is (1, 0, ...). In continuous time, A P + P A' - P C' C P/noise + driven = 0. If `sampled`, the covariance just
-    before a sample is P = A (P - P C' C P/(C P C' + noise)) A' + driven. InputError if no valid solution can be
-    computed.
+    `A` is the matrix of the states, `driven` the covariance of the noise on the states, and `noise` the variance of the
+    noise on the measurement C x with C = (1, 0, ...). In continuous time they are intensities, and the equation is
+    A P + P A' - P C' C P/noise + driven = 0. If `sampled`, the covariance just before a sample is
+    P = A (P - P C' C P/(C P C' + noise)) A' + driven. InputError if no valid solution can be computed.
     """
     import control
 
@@ -535,7 +536,7 @@ class KalmanObserver(TorqueObserver):
 
 @dataclass(frozen=True)
 class ObserverResponses:
-    """Frequency responses of Ta_hat to the torques on the wheel and to sensor noise; complex arrays of one length.
+    """Frequency responses of Ta_hat to the torques on the wheel and to sensor noise; complex arrays of equal length.
 
     - omega: frequencies, rad/s.
     - adhesion: response to the true adhesion torque Ta + Tr, N*m per N*m; ideally 1.
@@ -553,7 +554,7 @@ class ObserverResponses:
 
 
 def observer_responses(observer: TorqueObserver, omega: ArrayLike) -> ObserverResponses:
-    """Compute the frequency responses of `observer`, in continuous time, and its wheel at `omega` > 0, rad/s, 1-D."""
+    """Compute the continuous-time frequency responses of an `observer` on its wheel at `omega` > 0, rad/s, 1-D."""
     grid = np.asarray(omega, dtype=float)
     s = 1j * grid
     torque, speed = observer.transfers(s)

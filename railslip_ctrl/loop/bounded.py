@@ -1,4 +1,4 @@
-"""Crossovers, gain limits and peaks of loops from bounds on ln L over intervals of frequency, without polynomials.
+"""Crossovers, gain limits and peaks of loops from bounds on ln L over intervals of frequency.
 
 A subclass of `BoundedLoop` gives L, its slope, and a bound on how far ln L deviates from its linear expansion.
 """
@@ -63,7 +63,7 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _edges(self) -> Floats:
-        """Ends of the first frequency intervals, rad/s, ascending."""
+        """Ends of the frequency intervals before they are divided, rad/s, ascending."""
 
     @abstractmethod
     def _expand(self, omega: Floats) -> Expansion:
@@ -75,7 +75,10 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _added_delay(self) -> tuple[float, float]:
-        """Smallest added dead time that destabilises, s, and frequency of the pole there, rad/s; or inf and NaN."""
+        """Smallest added dead time, s, that makes the loop unstable, and frequency, rad/s, of the pole that causes it.
+
+        They are inf and NaN if no dead time makes the loop unstable.
+        """
 
     @abstractmethod
     def _unstable_description(self) -> tuple[str, str]:
@@ -216,7 +219,7 @@ class BoundedLoop(Loop):
 
 
 def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
-    """Upper bounds on the deviations of ln S, ln T and ln(S - 1/2) from linear functions of frequency, (3, n)."""
+    """Upper bounds, (3, n), on how far ln S, ln T and ln(S - 1/2) deviate from linear functions of frequency."""
     # ln L changes by at most `linear` along its linear expansion, and deviates from it by at most `rest`
     grown = np.expm1(linear + rest)
 

@@ -1,4 +1,4 @@
-"""Simulation kernels: modules of the functions of an adhesion law and of the code that calls these functions."""
+"""Simulation kernels: Python modules assembled from the functions of an adhesion law and from code that calls them."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def scalar_source(law: type[AdhesionLaw]) -> str:
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
     """Text of a kernel module: the functions of an adhesion law, then `parts`, texts of code that calls them.
 
-    One part defines `run`, the function that Python calls. `compiled`: for Numba; otherwise for plain Python.
+    One part defines `run`, the function that Python calls. Numba compiles the module if `compiled` is True.
     """
     head = _HEAD.format(law=law.name, marker=COMPILED if compiled else _INTERPRETED)
     return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
@@ -145,7 +145,7 @@ logger = logging.getLogger(__name__)
 
 @cache
 def module_of(text: str, *, compiled: bool = True) -> ModuleType:
-    """Load a kernel text as a module; `compiled` must have the value that `module_text` got."""
+    """Load a kernel text as a module; `compiled` must have the same value as in the call of `module_text`."""
     name = f"railslip_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     if not compiled:
         module = ModuleType(name)

@@ -3,8 +3,8 @@
 `make generate` writes the modules to `_generated/`, so that numeric evaluation does not import SymPy. If the sources of
 a module have changed, its functions are generated in memory, and the start takes longer.
 
-The functions have the names of the fields of `plant.ClosedPlant` and take (v, sigma, z, Tb, Td, Tr, p): speeds in m/s,
-z in m, torques in N*m, all numbers or arrays of one shape, and the tuple p of `plant_parameters`.
+The functions have the names of the fields of `plant.ClosedPlant` and take (v, sigma, z, Tb, Td, Tr, p). Speeds are
+in m/s, z in m and torques in N*m; they are numbers, or arrays of equal shape. `p` is the tuple of `plant_parameters`.
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ NumericPlant: TypeAlias = ModuleType  #: module with the numeric functions of an
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle, gradient: float = 0.0) -> tuple[float, ...]:
-    """Parameters `p` of the numeric functions, SI: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then the law's parameters.
+    """Parameters `p` of the numeric functions, SI: M, J, B, r, Fr0, Fr1, Fr2, N, then the law's parameters.
 
-    Fr0 includes the component of the weight along a track with a `gradient` (rise over length, a ratio).
+    M, J and B are multiplied by the inertia scale. Fr0 includes the component of the weight along a track with a
+    `gradient` (rise over length, a ratio).
     """
     inertias = (vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction)
     along = vehicle.resistance.constant + vehicle.mass * GRAVITY * gradient
@@ -143,10 +144,10 @@ TABLE_INTERVALS = 4096  #: intervals of a table; the interpolated bristle curve 
 
 @lru_cache(maxsize=32)  # the controllers of a campaign share the rails; a table costs as much as half a run
 def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
-    """Table of the force of a law without closed form, over slip ratios 0 to 1 at a wheel load, N; [0] for other laws.
+    """Table of the force over slip ratios 0 to 1 at a wheel load, N, for a law without closed form; [0] for other laws.
 
     The first element is the number of intervals per unit of slip. Then each node has two elements: the force, N, and
-    its slope over slip times the node distance, N.
+    the derivative of the force by slip ratio, times the distance of two nodes, N.
     """
     if not has_table(type(law)):
         return np.zeros(1)

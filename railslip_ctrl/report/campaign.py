@@ -36,9 +36,9 @@ def measure_head(measure: Measure) -> str:
 
 
 def quantity_heads(campaign: Campaign) -> dict[str, str]:
-    """Return a column title for each varied quantity: the last words of its dotted name, and its unit.
+    """Return a column title for each varied quantity: the end of its dotted path, and its unit.
 
-    A title has as few words as possible, but no two quantities have the same title.
+    A title is as short as possible, but no two quantities have the same title.
     """
     endings = {
         name: [name.split(".", dots)[-1] for dots in range(name.count("."), -1, -1)]  # shortest first

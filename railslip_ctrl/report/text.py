@@ -68,7 +68,7 @@ def case_title(point: OperatingPoint) -> str:
 
 
 def controller_text(controller: LinearController | Controller) -> str:
-    """Describe a controller that has stability margins, by its name and its parameters."""
+    """Describe a linear system or a controller by its name and its parameters."""
     return controller.described() if isinstance(controller, Controller) else describe_system(controller)
 
 
@@ -339,7 +339,7 @@ def judgement_text(judgement: Judgement) -> str:
 
 
 def judgement_parts(judgement: Judgement) -> list[RenderableType]:
-    """Return the blocks of `judgement_text`."""
+    """Return the content of `judgement_text` as Rich objects."""
     used, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
     operating = int(judgement.points.operating.sum())
     over = "At all speeds" if used is None or used <= min(judgement.envelope.speeds) else f"From {used:g} km/h up"
@@ -393,7 +393,7 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
 
 
 def worst_cells(worst: WorstCase) -> tuple[str, str, str]:
-    """Return name, value and case of the worst Ms, the larger of the continuous and the sampled loop."""
+    """Return name, value and case of the worst Ms, of the continuous or of the sampled loop, whichever Ms is larger."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
         return f"Ms{_kind_of(worst)}", ms_text(worst.ms), worst.case.description
     return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.description}; continuous {ms_text(worst.ms)}"
@@ -415,7 +415,7 @@ def _map_table(judgement: Judgement) -> RenderableType:
 
 
 def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
-    """Return a tuned design as JSON, with the verdict over an envelope if given; gains that were not found are null."""
+    """Return a tuned design as JSON, with the verdict if `judgement` is given; gains that were not found are null."""
     design = tuned.design
     margins: Sequence[Margins | None] = [None] * len(tuned.points)
     worst = None
@@ -460,7 +460,7 @@ def by_rule_text(design: Design) -> str:
 
 
 def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
-    """Return a tuned design as text, with its verdict over an envelope if given, otherwise with all margins."""
+    """Return a tuned design as text, with the verdict if `judgement` is given, otherwise with all margins."""
     design, points = tuned.design, tuned.points
     name = tuned.kind.title
     # if the design is infeasible, its reason names the operating points
@@ -494,7 +494,7 @@ def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) ->
 
 
 def no_lock_section(released: Sequence[Released]) -> Section | None:
-    """Section on stops for which it is proved that a brake release prevents a lock; None without stops."""
+    """Section on stops for which it is proved that a brake release prevents a lock; None if `released` is empty."""
     rows = []
     for item in released:
         if item.certified is None:

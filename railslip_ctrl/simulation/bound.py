@@ -194,11 +194,14 @@ class _Path:
 
     @property
     def latest(self) -> float:
-        """Time, s, at which the slip ratio under the largest torque reaches `_MOST_SLIP`, or else the longest time."""
+        """Time, s, at which the slip ratio under the largest torque reaches `_MOST_SLIP`, or the end of the run."""
         return float(self._full.t[-1])
 
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
-        """Stop of `attainable_stop` with full torque until `switch`, s, final share of the slip, and decay time, s."""
+        """Simulate a stop: full torque until `switch`, s, none until the slip stops rising, then a decay of the slip.
+
+        The final slip is the ratio `share` of the slip at which the decay begins; half of the decay takes `time`, s.
+        """
         try:
             return self._stop(switch, share, time)
         except ValueError:  # SciPy: the interpolation has no sign change at the event
@@ -341,7 +344,7 @@ def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequ
     """Simulate every controller in the scenario with every seed, on all cores.
 
     - scenario: the braking run.
-    - controllers: controllers by name, as for `simulate`.
+    - controllers: dictionary with names as keys and controllers, which `simulate` accepts, as values.
     - seeds: seeds of the noise, one for each run; all controllers have the same noise.
     """
     bound = clairvoyant_stop(scenario)

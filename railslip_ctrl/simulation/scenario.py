@@ -26,7 +26,7 @@ STEEPEST = 0.15  #: largest gradient, ratio; no adhesion railway is steeper
 
 
 class Event(Record):
-    """Change of rail, adhesion factor or mass at a time or at a distance; a field that is None does not change.
+    """Change of rail, adhesion factor or mass at a time or at a distance; None leaves a quantity unchanged.
 
     The new `adhesion_factor` replaces the previous factor. With factor 1 the adhesion is that of the adhesion law.
     """
@@ -147,8 +147,9 @@ class Scenario(Record):
     [Park2008] p. 55.
 
     InputError: a value that is not allowed; a final speed that is not below the initial speed; a rate limit or dump lag
-    for a brake without lag; or events at a time and events at a distance that change the adhesion, unless each of them
-    sets rail and adhesion factor, because their order is not known.
+    for a brake without lag; or events that change the adhesion, some at a time and others at a distance, unless each
+    of them sets both rail and adhesion factor. Otherwise the adhesion would depend on the order of these events, which
+    is not known.
     """
 
     name: str = Field(description="for reports")
@@ -202,7 +203,7 @@ class Scenario(Record):
 
     @property
     def believed_vehicle(self) -> Vehicle:
-        """Vehicle whose parameters the controllers assume where they set no values themselves."""
+        """Vehicle with the parameters that a controller assumes unless it sets its own."""
         return self.beliefs.of(self.vehicle)
 
     def law(self, rail: Rail, factor: float = 1.0) -> AdhesionLaw:
@@ -222,7 +223,8 @@ class Scenario(Record):
         """Return a copy of the scenario for another vehicle.
 
         The random force is scaled in proportion to the wheel load, and a published adhesion law gets the parameters for
-        this wheel load. If an event sets the mass to the loaded mass, the loaded mass is that of the other vehicle.
+        this wheel load. An event that sets the old vehicle's loaded mass sets the new
+        vehicle's loaded mass in the copy.
         """
         events = tuple(
             event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event
@@ -342,7 +344,7 @@ def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
     where = file_name(path)
     if len(chain) >= _LONGEST_CHAIN:
         raise InputError(
-            f"{where}: extends: {len(chain)} files extend one another; let the last file extend a built-in scenario"
+            f"{where}: extends: a chain of {len(chain)} files is too long; let one of them extend a built-in scenario"
         )
     keys = read_toml(path)
     base = _extended(keys["extends"], path, chain) if "extends" in keys else None
@@ -377,7 +379,7 @@ def _extended(name: Any, path: Path, chain: tuple[Path, ...]) -> Scenario:
 
 
 def _vehicle_and_law(keys: dict[str, Any], base: Scenario | None, path: Path) -> dict[str, Any]:
-    """Fields vehicle, adhesion and events of a scenario that extends `base`, as far as the file sets them."""
+    """Return the fields vehicle, adhesion and events of a scenario, from its file and the extended scenario `base`."""
     where = file_name(path)
     if "vehicle" not in keys and base is None:
         return {}

@@ -18,8 +18,8 @@ class LawGains:
     """Gains of the law of [Park2008] (45) and of its robust variants.
 
     - K: gain of the switching term, N*m, >= 0.
-    - D: gain on s, N*m/(m/s), > 0; D s is a torque.
-    - rho: weight of the integral in s, 1/s, > 0.
+    - D: gain on the sliding variable s, N*m/(m/s), > 0; D s is a torque.
+    - rho: weight of the integral of the slip error in s, 1/s, > 0.
     - k1, k2: adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i with phi = (Ta, omega).
     - layer: half width Phi of the boundary layer, m/s, >= 0; with 0 the law switches by sgn s.
     - leak: rate of the sigma-modification, 1/s, >= 0: theta_hat_i' = k_i s phi_i - leak theta_hat_i.
@@ -47,7 +47,7 @@ class LawGains:
 
 
 def gain_parameters(gains: LawGains) -> dict[str, float]:
-    """Return the gains as parameters of the generated law, by name; InputError for projection bounds without width."""
+    """Return the generated law's parameters for `gains`; InputError unless lower projection bound < upper bound."""
     # in the generated code equal bounds mean no projection
     values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
     values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}

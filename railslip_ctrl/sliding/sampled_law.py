@@ -1,13 +1,13 @@
 """The published law in discrete time, as a sequence of assignments that `code` prints as Python.
 
-The sampling period is h. The integral of e, the filter with time constant tau that estimates v', and the state of a
-dynamic adhesion law use backward Euler, which does not oscillate for any h/tau. The estimates theta_hat use forward
-Euler, and take effect at the next sample. If `boundary` > 0, sgn s of the sliding variable s is replaced by s/boundary,
-limited to -1 .. 1. The torque is limited to torque_min .. torque_max.
+The sampling period is h. The integral of the slip error e, the filter with time constant tau that estimates v', and the
+state of a dynamic adhesion law use backward Euler, which does not oscillate for any h/tau. The estimates theta_hat use
+forward Euler, and take effect at the next sample. If `boundary` > 0, sgn s of the sliding variable s is replaced by
+s/boundary, limited to -1 .. 1. The torque is limited to torque_min .. torque_max.
 
 A locked wheel is outside the domain of the bristle law, whose state would diverge. Therefore the slip velocity that
-drives an adhesion state is limited to +-`DOMAIN_SHARE` times the law's `sigma_limit`, and the state to +-`state_limit`,
-Fs/alpha. The limits are symmetric because the laws are odd functions.
+drives the adhesion state is limited to +-`DOMAIN_SHARE` times the law's `sigma_limit`. The adhesion state is limited to
++-`state_limit`, which is Fs/alpha. The limits are symmetric because the laws are odd functions.
 
 The parameters of `OPTIONS` belong to the robust variants (`law.LawGains`) and to anti-windup. With their default 0 the
 law is that of [Park2008]. Other values change it as follows:
@@ -81,10 +81,10 @@ class SampledLaw:
     - rules: bounds of every parameter, as in `RULES`.
     - meanings: meaning and unit of the adhesion law's parameters.
     - prepare: assignments that come before the law: e, v_rate, Ta and the new values of the states.
-    - surface: expression of s.
+    - surface: expression of the sliding variable s.
     - control: assignments of the torque and of the adaptation rates; the symbol `SWITCHING` replaces sgn s.
-    - control_arguments: arguments of the law's function `control`, which computes the torque, besides the parameters.
-    - note: paragraphs on the origin of Ta.
+    - control_arguments: arguments, besides the parameters, of the function `control`, which computes the torque.
+    - note: paragraphs that say where Ta comes from.
     """
 
     measured: tuple[str, ...]
@@ -99,7 +99,7 @@ class SampledLaw:
     note: tuple[str, ...]
 
     def meaning(self, name: str) -> str:
-        """Return meaning and unit of a parameter, a state, or an intermediate value of `EXPLAINED`."""
+        """Return meaning and unit of a parameter, of a state, or of an intermediate value that `EXPLAINED` lists."""
         if name in CODE_NOTATION:
             unit, text = CODE_NOTATION[name]
             return f"{text}, {unit}"
@@ -216,9 +216,9 @@ def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
     path, statement = Path(inspect.getfile(law)), law.statement()
     limits = []
     if statement.sigma_limit is not None:
-        limits.append(f"its slip velocity is limited to +-{DOMAIN_SHARE:g} {statement.sigma_limit}")
+        limits.append(f"the slip velocity in the law is limited to +-{DOMAIN_SHARE:g} {statement.sigma_limit}")
     if statement.state_limit is not None:
-        limits.append(f"its state z is limited to +-{statement.state_limit}")
+        limits.append(f"the adhesion state z is limited to +-{statement.state_limit}")
     return (
         f"Ta comes from the adhesion law {law.name!r} at the measured slip velocity, inside its domain:",
         f"{path.name}, SHA-256 {file_hash(path)}.",

@@ -55,17 +55,17 @@ def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
 
 
 def largest_adaptation(loop: SurfaceLoop) -> float:
-    """Return the largest stable adaptation gain k without the relay, as printed; 0 if none, inf without limit."""
+    """Return the largest adaptation gain k at which the loop without relay is stable; 0 if none, inf without limit."""
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
 
 
 @dataclass(frozen=True)
 class Survivors:
-    """Limits of the gains for a stable loop with actuator and without the relay, each with the other gains unchanged.
+    """Limits of each gain for a stable loop with actuator and without relay; the other gains are unchanged.
 
     - stable: True if the loop without adaptation is stable; if not, k, rho and D are 0.
     - k, rho, D: largest stable values, in 1, 1/s and N*m/(m/s); inf without a limit.
-    - layer: smallest half width of the boundary layer, m/s, without oscillation; inf without one.
+    - layer: smallest half width of the boundary layer, m/s, at which the loop is stable; inf if there is none.
     """
 
     stable: bool
@@ -109,7 +109,7 @@ class SlipRun:
 
 
 def whole_periods(run: FixedRun) -> tuple[float, slice]:
-    """Return the period of the sliding variable, s, and the slice of whole periods; NaN if fewer than two."""
+    """Return mean period, s, and slice of whole periods of the sliding variable; NaN if there are fewer than two."""
     s, time = run.s, run.time
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
@@ -120,10 +120,11 @@ def whole_periods(run: FixedRun) -> tuple[float, slice]:
 
 
 def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: float = 0.0) -> SlipRun:
-    """Simulate the law with actuator, without disturbances, with known parameters.
+    """Simulate the law with actuator and without disturbances; the law's parameters are exact.
 
     The run starts 5 % above the reference slip velocity. The speed is constant if `frozen` is true, otherwise it falls
-    to 5 km/h. The slip range is taken after `settling`. `duration` and `settling`, s, are for inertia scale 1.
+    to 5 km/h. The result describes the time after `settling`. `duration` and `settling`, s, are multiplied by
+    the inertia scale.
     """
     point, scale = loop.plant.point, loop.plant.point.vehicle.inertia_scale
     started = {"duration": scale * duration, "offset": _OFFSET * point.sigma}
@@ -155,9 +156,9 @@ class ActuatorEffect:
 
     - existence, cycle, survivors: results of `SurfaceLoop.sliding_existence`, `relay_cycle` and `survivors`.
     - runs: simulated runs of the law with adaptation, by name.
-    - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop, relay gain 0, without and
-      with actuator.
-    - unstable_linear: number of unstable poles with actuator and relay gain 0, without adaptation.
+    - unstable_ideal, unstable_actual: number of unstable poles of the loop with adaptation and without relay; the
+      first is without actuator, the second with actuator.
+    - unstable_linear: number of unstable poles of the loop with actuator, without adaptation and without relay.
     """
 
     loop: SurfaceLoop
@@ -203,8 +204,8 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
 
     K in N*m, D in N*m/(m/s); the other gains are the published ones. The operating points are at 100 km/h and at the
     published reference slips of the bristle model. The finding `as_published` has, for each adhesion law and rail, the
-    largest stable k divided by the printed k, with the as-published inertia scale. It is empty for other vehicles, and
-    if a sliding mode exists.
+    largest stable k divided by the printed k, with the as-published inertia scale. The finding is empty if the
+    vehicle is not the published one, or if a sliding mode exists.
     """
     effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))
@@ -233,7 +234,7 @@ def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tupl
     """Decide whether boundary layer and relay work with the actuator; return the conditions and the findings.
 
     K in N*m, D in N*m/(m/s). Findings: `carried`, the largest K, N*m, with which the boundary layer is stable; `asked`,
-    the least K, N*m, with which the reaching condition holds; `all_hold`.
+    the least K, N*m, with which the reaching condition holds; `all_hold`, True if every condition holds.
     """
     loops = {rail: published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D) for rail in Rail}
     stable = {rail: loop.is_stable(relay_gain=K / LAYER_WIDTH) for rail, loop in loops.items()}

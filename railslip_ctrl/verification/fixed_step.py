@@ -2,7 +2,7 @@
 
 A switch of the relay takes effect at the next step, so that s oscillates about 0 by up to (r/J) K times one step.
 Braking runs (`simulation`) use another kernel, in which the law is sampled as in a brake and uses the steady-state
-adhesion. The proof does not cover that case.
+adhesion. The proof does not cover these runs.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
 class FixedRun:
     """Signals of simulated runs, (steps, runs), NaN after the end of a stop; `time` is (steps,).
 
-    time: s; speed, sigma: m/s; s: m/s, from the measured signals; torque: acting torque, N*m.
+    `time` is in s, `speed` and `sigma` in m/s, and the acting `torque` in N*m. `s` is the sliding variable, m/s,
+    computed from the measured signals.
     """
 
     time: Floats
@@ -87,7 +88,7 @@ def _rows(
     frozen: bool = False,
     largest_slip: float = math.inf,
 ) -> tuple[Floats, float]:
-    """Simulate runs; return the signals (columns, steps, runs) and the step size, s; arguments as for the kernel."""
+    """Simulate runs; return the signals (columns, steps, runs) and the step size, s."""
     force, noise = forces
     delay = math.ceil(actuator.dead_time / STEP - 1e-9)
     step = actuator.dead_time / delay if delay else STEP
@@ -123,10 +124,10 @@ def _rows(
 
 @dataclass(frozen=True)
 class IdealRun(FixedRun):
-    """Signals of runs without actuator: those of `FixedRun` and the following.
+    """Signals of runs without actuator.
 
     V: Lyapunov function, m^2/s^2, NaN without adaptation gains; theta_hat: estimates, (steps, seeds, 2); disturbance:
-    (J/r) d, N*m; theta: true values at the end, (2,).
+    contribution of Tr, Fr and Td to s', times J/r, N*m; theta: true values of the estimates at the end, (2,).
     """
 
     V: Floats

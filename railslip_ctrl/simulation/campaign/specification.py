@@ -234,7 +234,7 @@ DISTRIBUTIONS: dict[str, Any] = {
 
 
 class Sampling(StrEnum):
-    """Method of sampling points in the unit cube; a coordinate is the probability in a quantity's quantile function."""
+    """Method of sampling points in the unit cube; each coordinate is the probability of one quantity's quantile."""
 
     RANDOM = "random"
     LATIN_HYPERCUBE = "latin-hypercube"
@@ -288,9 +288,10 @@ def described(value: Any) -> Any:
 class Quantity:
     """A quantity that varies from run to run: its `distribution`, SI, and the `paths` of the numbers that it sets.
 
-    A path names a number of the scenario ("vehicle.mass"). If the scenario has no number of this path ("kp"), the path
-    names this number in every controller that has it. With the name of a controller in front ("pi.kp") it names the
-    number of this controller only. If `relative` is True, the numbers are multiplied by the value of the quantity.
+    A path such as "vehicle.mass" names a number of the scenario. A path that the scenario does not have, such as "kp",
+    names a number of every controller that has the path. A path that begins with the name of a controller, such as
+    "pi.kp", names a number of this controller only. If `relative` is True, the numbers are multiplied by the value of
+    the quantity.
     """
 
     paths: tuple[str, ...]
@@ -320,7 +321,7 @@ class Campaign:
     In each run the sampled vehicle, the rail and the noise are the same for every controller.
 
     - scenario: the braking run.
-    - controllers: controllers as for `simulate`. If two have the same default name, the second gets the number 2.
+    - controllers: any controllers that `simulate` accepts. If two have the same default name, the second ends in 2.
     - quantities: quantities of scenario and controllers that vary from run to run.
     - runs: number of runs, 1 to `MOST_RUNS`.
     - seed: seed of the campaign, 0 to 2^63 - 1.
@@ -433,7 +434,7 @@ class Campaign:
 
     @cached_property
     def _paths(self) -> dict[str, list[tuple[int, str]]]:
-        """Numbers that each path names: index of the record in `_numbers` (0: scenario), and path in this record."""
+        """For each path, the numbers that it names, as (k, own path); k is 0 for the scenario, else a controller."""
         paths: dict[str, list[tuple[int, str]]] = {}
         for k, own in enumerate(self._numbers[1:], 1):
             for path in own:
@@ -444,7 +445,7 @@ class Campaign:
 
     @cached_property
     def _targets(self) -> list[list[tuple[int, str, float]]]:
-        """Numbers that each quantity sets: index of the record in `_numbers`, path, and factor on the value."""
+        """For each quantity, the numbers that it sets, as (k, own path, factor on the value); k as in `_paths`."""
         taken: set[tuple[int, str]] = set()
         all_targets: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
@@ -462,7 +463,7 @@ class Campaign:
         return all_targets
 
     def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
-        """Return the numbers, SI, that the `values` of all quantities set, by record (0: scenario) and path."""
+        """Return the numbers, SI, for the `values` of all quantities, as {k: {path: number}}; k as in `_paths`."""
         changed: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:
@@ -470,7 +471,7 @@ class Campaign:
         return changed
 
     def with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
-        """Return scenario and controllers for `values`, SI, of all quantities; InputError for values not allowed."""
+        """Return scenario and controllers with `values`, SI, of all quantities; InputError if one is not allowed."""
         records: list[Any] = [self.scenario, *self.controllers]
         for owner, change in self.changes(values).items():
             records[owner] = replaced(records[owner], change)

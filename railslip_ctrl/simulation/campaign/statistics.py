@@ -124,9 +124,9 @@ class Histogram(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasureSummary:
-    """Statistics of a measure over the runs of a controller that stopped and have a finite value of the measure.
+    """Statistics of a measure over those runs of a controller that stopped and in which the measure is finite.
 
-    `excluded` is the number of stopped runs without a finite value.
+    `excluded` is the number of stopped runs in which the measure is not finite.
     """
 
     moments: Moments
@@ -199,8 +199,8 @@ class CampaignSummary:
     - paired: comparison of every two controllers by each measure.
     - points: statistics for each combination of grid values; empty without a grid.
     - worst_by: name of the measure that ranks the worst runs.
-    - sample: for each controller, the values of the quantities and of `worst_by` in the first runs, SI, for pictures;
-      `worst_by` is NaN for a run that did not stop.
+    - sample: values for pictures, SI: for each controller, the quantities and the measure `worst_by` in the first runs.
+      The measure is NaN for a run that did not stop.
     """
 
     campaign: Campaign
