@@ -154,9 +154,9 @@ def test_chance_gives_inputs_that_do_not_matter_no_share(estimated):
     [
         (OPPOSITE, "may have several regions"),
         (CASES["four branches"], "may have several regions"),
-        (DISCRETE, "outcome is discrete"),
-        (FLAT, "levels stall: no stop met the event"),
-        (THIN, "of a level's moves are accepted"),
+        (DISCRETE, "equal results"),
+        (FLAT, "occurred in no simulated stop"),
+        (THIN, "% of a level's moves"),
         (linear(5000, 1e-6, 100), "coefficient of variation is"),
         (BOW, "methods disagree"),  # importance sampling misses the ends of the bow
     ],
@@ -240,7 +240,7 @@ def test_stops_that_are_refused_count_as_the_event_and_are_told(monkeypatch):
 
     monkeypatch.setattr(rare.Stops, "run", run)
     found = rare_event(CAMPAIGN, "distance > 100 m", points=100, repeats=3)
-    assert any("refused or broken off" in warning for warning in found.warnings)
+    assert any("not simulated to the end" in warning for warning in found.warnings)
     assert found.subset.low < stats.norm.sf(2.0) < found.subset.high
 
 
@@ -311,7 +311,7 @@ def test_an_event_that_no_stop_meets():
     found = rare_event(CAMPAIGN, "slip > 1.5", points=100, repeats=3)
     assert found.probability.value == 0.0
     assert found.probability.high < 1e-9
-    assert any("no stop met the event" in warning for warning in found.warnings)
+    assert any("occurred in no simulated stop" in warning for warning in found.warnings)
 
 
 def test_the_command_writes_a_stop_that_simulate_repeats(tmp_path, railslip):

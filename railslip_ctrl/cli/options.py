@@ -1,4 +1,4 @@
-"""Options that commands share, and the operating points, scenarios and controllers that they select."""
+"""Options that several commands share, and the operating points, scenarios and controllers that the options select."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ SLIP = Number("1", gt=0, lt=1)
 class CaseOptions:
     """Values of the options that commands share: a vehicle, and its operating points or its braking run.
 
-    Speeds in km/h, masses in kg, times in s. Options that were not given are None or empty, except `adhesion` and
-    `initial_speed`, whose default values are not used in a braking run.
+    Speeds in km/h, masses in kg, times in s. Options that were not given are None or empty, except options with a
+    default value. A braking run does not use the default values of `adhesion` and `initial_speed`.
     """
 
     adhesion: str
@@ -116,7 +116,7 @@ class CaseOptions:
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """Return the vehicle, loaded or with the first mass if given; print the assumptions about the vehicle."""
+        """Return the vehicle after --loaded and the first --mass; print the assumptions about the vehicle."""
         chosen = self.given_vehicle.loaded() if self.loaded else self.given_vehicle
         chosen = _with_mass(chosen, self.masses[0] if self.masses else None)
         print_remarks(chosen)
@@ -124,7 +124,7 @@ class CaseOptions:
 
     @cached_property
     def given_vehicle(self) -> Vehicle:
-        """Return the empty vehicle of the file, or the published one; options for inertia and actuator are applied."""
+        """Return the empty vehicle of --vehicle, or the published one, changed by the options for inertia and brake."""
         return self._changed(self._own_vehicle(PARK2008))
 
     def _own_vehicle(self, otherwise: Vehicle) -> Vehicle:
@@ -145,11 +145,11 @@ class CaseOptions:
         )
 
     def envelope(self, given: str = DEFAULT_ENVELOPE) -> Envelope:
-        """Return the envelope `given`, a file or "default", narrowed by the other options."""
+        """Return the envelope `given`, a file or "default"; values of other options replace those of the envelope."""
         if self.masses:
             raise InputError(
-                "--mass has no effect with an envelope, whose loads need both mass and wheel load; give --loaded, or "
-                "both values in the vehicle's file"
+                "--mass has no effect with an envelope, because a load of an envelope is a mass and a wheel load; give "
+                "--loaded, or both values in the vehicle's file"
             )
         _ = self.chosen_vehicle  # prints the assumptions about the vehicle
         car = self.given_vehicle
@@ -259,7 +259,7 @@ class CaseOptions:
             )
         if not math.isclose(v0, start):
             warn(
-                f"--initial-speed: the adhesion law is that of stops from {v0 / KMH:g} km/h, but this run begins at "
+                f"--initial-speed: the adhesion law holds for stops from {v0 / KMH:g} km/h, but this run begins at "
                 f"{start / KMH:g} km/h (--speed); give the same speed unless this is intended"
             )
         return scenario.for_vehicle(vehicle).with_changes(**changes)
@@ -326,7 +326,7 @@ def number_option(
     lt: float | None = None,
     **kind: Any,
 ) -> Option:
-    """Return an `option` whose value is a `Number`."""
+    """Return a Click option whose value is a number in `unit`, or a number with its own unit."""
     metavar = {"1": "X", "km/h": "KMH"}.get(unit) or (unit.upper() if unit.isalpha() else "X")
     return option(name, metavar, text, default_text, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
 
@@ -334,9 +334,9 @@ def number_option(
 def case_options(*, speeds: bool = True, masses: bool = False, run: bool = False, over: bool = False) -> Option:
     """Return a decorator that adds the options for vehicle and operating points to a command, as one argument `cases`.
 
-    - speeds: whether there is an option --speed; False for a command about whole stops.
+    - speeds: whether there is an option --speed; False for a command that simulates whole stops.
     - masses: whether --mass may be repeated.
-    - run: whether the options are for one braking run; values that are not given come from its scenario.
+    - run: whether the options are for one braking run; values that are not given come from the scenario.
     - over: whether the options are for an envelope; values that are not given come from the envelope.
     """
 
@@ -420,7 +420,7 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
 
 
 def envelope_options(default_text: str) -> Option:
-    """Return a decorator with the options for a verdict over an envelope; the help shows `default_text` as default."""
+    """Return a decorator that adds the options for a verdict over an envelope; the help ends with `default_text`."""
     nominal = switch("--nominal", "Judge the envelope without tolerances.")
     text = (
         "Judge over an envelope: a TOML file, or default, which is the table [envelope] of the vehicle's file, or the "
@@ -431,7 +431,7 @@ def envelope_options(default_text: str) -> Option:
 
 
 def gain_options(default_text: str) -> Option:
-    """Return a decorator with the options for the PI gains; the help shows `default_text` as their default."""
+    """Return a decorator that adds the options for the PI gains; their help shows `default_text` as the default."""
     kp = 'Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").'
     ki = 'Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); give both gains or neither.'
     of_kp = number_option("--kp", "N*m/(m/s)", kp, default_text)
@@ -471,7 +471,7 @@ def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *,
 
     - initial_speed: v0, km/h, for a law that depends on v0.
     - wheel_load: wheel load at which the law is used, N; None: no warning about the wheel load.
-    - assumed: true if v0 is the default, because no option gave it.
+    - assumed: true if the user has not given v0, so that v0 is the default.
     """
     law = from_file("--adhesion", path, functools.partial(load_law, initial_speed_kmh=initial_speed))
     if path.suffix.lower() == ".py":  # a Python file does not state wheel load and v0
@@ -523,9 +523,9 @@ def _is_given(option: str) -> bool:
 
 
 def refuse_given(*options: str, because: str) -> None:
-    """Raise InputError if the current command line has one of `options`, which would not be used.
+    """Raise InputError if the current command line has one of the `options`, because the command would ignore it.
 
-    `because` says when they are not used, for example "with --no-html".
+    `because` states in which case the command ignores these options, for example "with --no-html".
     """
     for flag in (f"--{name.replace('_', '-')}" for name in options if _is_given(name)):
         raise InputError(f"{flag} has no effect {because}; leave {flag} out")
@@ -543,7 +543,7 @@ _TITLES_BY_RULE = "; ".join(f"{name} ({kind.title})" for name, kind in BY_RULE.i
 
 
 def controller_option(default_text: str, **kind: Any) -> Option:
-    """Return the option --controller of every command; the help shows `default_text` as its default."""
+    """Return the option --controller, which is equal in all commands; the help shows `default_text` as its default."""
     text = (
         f"Controller: pi or asmc of Park et al., Table 4; pi-lead or scheduled of this project; {_TITLES_BY_RULE}; "
         "a file with a controller's parameters; or a Python file with your own controller (the file is run)."
@@ -554,7 +554,7 @@ def controller_option(default_text: str, **kind: Any) -> Option:
 def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip | None, law_speed: float) -> Controller:
     """Load a controller file for a vehicle; error messages begin with the option's name.
 
-    `reference` replaces a missing reference slip, and `law_speed` is v0, m/s, of the controller's own adhesion law.
+    `reference` is used if the file has no reference slip. `law_speed` is v0, m/s, of an adhesion law in the file.
     """
     from railslip_ctrl.controllers.files import as_control, load_controller
 

@@ -1,4 +1,4 @@
-"""Helpers for the options of a command; they import little, so that listing the commands is fast."""
+"""Helpers for the options of a command. The module imports little, so that the list of commands appears fast."""
 
 import re
 from collections.abc import Callable
@@ -22,7 +22,7 @@ _ARGUMENTS = {
 
 
 def options_named(text: str) -> str:
-    """Replace argument names in backticks, in a message of the package, by the names of the options."""
+    """Replace each argument name in backticks in a message by the name of the option."""
     argument = re.compile(f"`({'|'.join(_ARGUMENTS)})`")
     return argument.sub(lambda match: "--" + (_ARGUMENTS[match[1]] or match[1].replace("_", "-")), text)
 
@@ -30,7 +30,7 @@ def options_named(text: str) -> str:
 def option(name: str, metavar: str, text: str, default_text: str, *, to: str | None = None, **kind: Any) -> Option:
     """Return a Click option that may be left out; its help ends with `default_text`.
 
-    `to` is the name of the command's parameter if it is not the name of the option.
+    `to` is the parameter of the command function that gets the value; by default its name is that of the option.
     """
     names = (name,) if to is None else (name, to)
     return click.option(*names, metavar=metavar, help=f"{text}  [default: {default_text}]", **kind)

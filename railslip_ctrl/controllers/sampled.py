@@ -58,19 +58,20 @@ class SampledController:
         x[k] = phi x[k-1] + now e[k] + before e[k-1] + back (acted[k-1] - unlimited[k-1])
         unlimited[k] = C x[k] + D e[k],    torque[k] = unlimited[k] within the limits
 
-    The rule determines phi, now and before; for a discrete design they are the matrices of the design. `acted` is the
-    torque that the brake applied; it differs from `unlimited` while a limit acts. The gains `back` then make the slow
-    states, for example an integrator, decay: the poles and the zeros of C are sorted by magnitude and paired, and a
-    pole that is slower than its zero moves to z = 1 - h/T, where 1/T is the magnitude of the zero. Other poles do not
-    move. If every pole moves to its zero, the result is the conditioned controller of [Hanus1987].
+    The matrices `phi`, `now` and `before` follow from `rule`, or are those of a discrete design. `acted` is the torque
+    that the brake applied; it differs from `unlimited` while a limit acts. While it differs, the gains `back` make slow
+    states decay, for example an integrator: the poles and zeros of the design are sorted by magnitude and paired. A
+    pole that is slower than its zero moves to z = 1 - h/T, where 1/T is the magnitude of the zero. Other
+    poles do not move. If every pole moves to its zero, the result is the conditioned controller of [Hanus1987].
 
-    - design: linear system that `systems.linear_controller` accepts; it is stored as the result of this function.
-    - period: h, s, > 0; for a discrete design the period of the design. With Tustin's rule no real pole may be faster
-      than 2/h, because its response would alternate in sign.
+    - design: linear system that `systems.linear_controller` accepts; the field contains the result of this function.
+    - period: h, s, > 0; for a discrete design its period. With Tustin's rule no real pole may be faster than 2/h; its
+      response would alternate in sign.
     - torque_min, torque_max: limits of the command, N*m, torque_min < torque_max; for a brake 0 and the full brake.
     - rule: Tustin's rule or the backward difference.
     - tracking_time: T of the slowest pole, s, >= h; inf: no anti-windup. By default 1/T is the magnitude of the slowest
-      zero (for a PI T = kp/ki). For a missing zero it is the magnitude of the fastest pole, or 1/h if all poles are 0.
+      zero (for a PI T = kp/ki). If there are fewer zeros than poles, each missing zero is replaced by a zero with the
+      magnitude of the fastest pole, or 1/h if all poles are 0.
 
     InputError: a design that is not linear, or a period, limit or tracking time that is not allowed.
     """
@@ -99,7 +100,7 @@ class SampledController:
 
     @property
     def as_run(self) -> SampledController:
-        """This object, which simulations use as it is."""
+        """Return this object, which can be simulated without changes."""
         return self
 
     def linear(self, point: OperatingPoint) -> LinearController:
@@ -113,7 +114,7 @@ class SampledController:
 
     @cached_property
     def numbers(self) -> Mapping[str, Any]:
-        """Parameters that `linear_step` reads, by name."""
+        """Parameters that `linear_step` reads; the keys are their names."""
         phi, now, before, c, d = _difference(self.design, self.rule, self.period)
         arrays = {"output": c, "now": now, "before": before, "tracking": self._back(phi, c), "transition": phi.ravel()}
         limits = {"torque_min": self.torque_min, "torque_max": self.torque_max}
@@ -128,7 +129,6 @@ class SampledController:
 
     @cached_property
     def _tracking_rates(self) -> Floats:
-        """Decay rates, 1/s, slowest first, to which the anti-windup moves slower poles while a limit acts."""
         system, h = self.design.transfer_function, self.period
         if isinstance(self.design, PIController):
             gains = self.design.gains
@@ -155,7 +155,7 @@ class SampledController:
         )
 
     def at_rest(self, torque: float) -> dict[str, Any]:
-        """Return the fields, by name, of the state that `start` returns for a constant `torque`, N*m."""
+        """Return the names and values of all fields of a state that commands a constant `torque`, N*m."""
         rest = (0.0,) * (len(self.states) - 1)
         return {"error": 0.0, "unlimited_torque": torque, "states": (torque, *rest), "room": (0.0, *rest)}
 
@@ -191,9 +191,9 @@ class SampledController:
 def linear_step(state: Any, parameters: Any, error: float, applied: float) -> Any:
     """Return the torque to command, N*m, by the equations of `SampledController`, and update `state`.
 
-    - state: `states`, `room` (memory for the new states), (n,) each; `error` (m/s) and `unlimited_torque` (N*m) of the
-      previous sample.
-    - parameters: those of `SampledController.numbers`; `transition` has the rows of phi one after the other.
+    - state: `states` and `room` (memory for new states), shape (n,) each; `error`, m/s, and `unlimited_torque`, N*m,
+      of the previous sample.
+    - parameters: the values of `SampledController.numbers`; `transition` has the rows of `phi` one after the other.
     - error: slip error lambda_d v - sigma, m/s; if it is not finite, the state does not change.
     - applied: torque that the brake applied since the previous sample, N*m.
     """
@@ -216,7 +216,7 @@ def linear_step(state: Any, parameters: Any, error: float, applied: float) -> An
 
 
 def _mapped(roots: Complexes, rule: Rule, h: float) -> tuple[complex, Complexes]:
-    """Replace s in the product of all s - root; return leading coefficient and roots of the numerator in z."""
+    """Apply `rule` to the product of all s - root; return the leading coefficient and roots of the numerator in z."""
     ahead, behind = (1 - roots * h / 2, 1 + roots * h / 2) if rule is Rule.TUSTIN else (1 - roots * h, 1.0 + 0 * roots)
     at_infinity = np.abs(ahead) < _AT_INFINITY
     scale = 2 / h if rule is Rule.TUSTIN else 1 / h
@@ -236,7 +236,7 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
     if design.period is not None:
         if not math.isclose(design.period, h):
             raise InputError(
-                f"period: {h:g} s is not allowed; give that of the discrete controller, {design.period:g} s"
+                f"period: {h:g} s is not allowed; give the period of the discrete controller, {design.period:g} s"
             )
         return
     poles = design.transfer_function.poles
@@ -255,7 +255,7 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
 def run_period(design: LinearController, period: float | None = None) -> float:
     """Return the sampling period of a design, s: for a discrete design its period, otherwise `period`.
 
-    By default it is `PERIOD`, or twice the time constant of the lead's filter if this is shorter.
+    If `period` is None, the result is `PERIOD`, or twice the time constant of the lead's filter if that is shorter.
     """
     if not isinstance(design, PIController):
         return design.period or period or PERIOD
@@ -270,7 +270,7 @@ def state_names(design: LinearController) -> tuple[str, ...]:
 
 
 def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float]:
-    """Return A, B, C and D; the first state is the integral part of a PI, or else a constant torque."""
+    """Return A, B, C and D. The first state is the integral part of a PI; for other designs it is a constant torque."""
     if isinstance(design, PIController):
         kp, ki, lag = design.gains.kp, design.gains.ki, design.lead_filter
         if lag == 0:
@@ -290,7 +290,7 @@ def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float
 
 
 def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """Return phi, now, before, C and D of the difference equations in `SampledController`; h is the period, s."""
+    """Return `phi`, `now`, `before`, C and D as in `SampledController`; `h` is the period, s."""
     a, b, c, d = _continuous(design)
     identity = np.eye(b.size)
     if not isinstance(design, PIController) and design.period is not None:
@@ -305,9 +305,10 @@ def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats,
 
 
 def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Floats) -> Floats:
-    """Return the gains `back` of `SampledController`, which move slow poles to z = 1 - h rate.
+    """Return the gains `back` of `SampledController`, which move slow poles to z = 1 - h rate with the given `rates`.
 
-    `slow` has the invariant subspaces of phi; its eigenvalues are the poles in s, or (z - 1)/h for a discrete design.
+    The matrices `slow` and `phi` have equal invariant subspaces. The eigenvalues of `slow` are the poles in s, or
+    (z - 1)/h for a discrete design.
     """
     from scipy.linalg import schur
 
@@ -371,7 +372,7 @@ def sampled_peak(loop: SampledLoop) -> float:
 
 
 def peak_near(loop: Any, omega: Floats) -> float:
-    """Return the largest |S| of a loop on a grid of frequencies `omega`, rad/s, 1-D, refined around the maximum."""
+    """Return the largest |1/(1 + L)| of a loop at frequencies `omega`, rad/s, 1-D, refined around the maximum."""
     for _ in range(_REFINEMENTS):
         size = 1 / np.abs(1 + loop.response(omega))
         top = int(np.argmax(size))

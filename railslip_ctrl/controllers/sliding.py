@@ -36,7 +36,7 @@ def assumed_force(v: Any, sigma: Any, parameters: Any) -> Any:
 
 @outside
 def law_step(state: Any, v: Any, omega: Any, Ta: Any, parameters: Any) -> Any:
-    """Return the torque of the generated law, N*m, and update its state."""
+    """Return the torque of the generated law, N*m, and update `state`."""
     raise NotImplementedError
 
 
@@ -80,11 +80,11 @@ class Sliding(Controller):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Make the controller from the keys of its file; `adhesion` is a table with a law, or the name of its file."""
+        """Make the controller from the keys of a file; `adhesion` is a table with a law, or a file name."""
         v0 = None if initial_speed is None else initial_speed / KMH
         if isinstance(given := content.get("adhesion"), str):
             if not given.lower().endswith(".toml"):
-                raise InputError(f"adhesion: {given!r} is not a TOML file; give one with a law and its parameters")
+                raise InputError(f"adhesion: {given!r} is not a TOML file; give a TOML file with an adhesion law")
             content = {**content, "adhesion": load_law(given_path(path.parent / given), initial_speed_kmh=v0)}
         elif isinstance(given, dict):
             content = {**content, "adhesion": law_of(given, f"{file_name(path)}: adhesion", v0)}
@@ -201,7 +201,7 @@ class Sliding(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Return the torque of the generated law; Ta is computed from the assumed adhesion law."""
+        """Return the torque of the generated law; the adhesion torque Ta comes from the assumed adhesion law."""
         v, omega, Ta = measurement.train_speed, measurement.wheel_speed, 0.0
         if v > _LEAST_SPEED:
             Ta = parameters.r * assumed_force(v, v - parameters.r * omega, parameters)
@@ -218,13 +218,13 @@ class Sliding(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the fields `given`; the other fields are those of the vehicle."""
+        """Return a controller with the fields `given`; the `vehicle` gives the assumed parameters that are left out."""
         return cls(**given).believing(vehicle)
 
 
 @cache
 def _force_text(kind: type[Sliding], model: type[AdhesionLaw] | None) -> str:
-    """Return the source of `assumed_force` for the compiled simulation; it calls `model`, or else the run's law."""
+    """Return the source text of a compiled `assumed_force` for the law `model`, or if None for the law of the run."""
     own, prefix = ("", "") if model is None else (prefixed(scalar_source(model), "own_"), "own_")
     return f"""{own}
 @compiled

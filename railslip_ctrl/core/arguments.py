@@ -126,7 +126,7 @@ def complexes(name: str, values: ArrayLike) -> Complexes:
 def numbers(
     name: str, values: ArrayLike, unit: str = "", *, gt: float | None = None, ge: float | None = None
 ) -> Floats:
-    """Return an array of finite numbers within the bounds of `number`; InputError names the first other value."""
+    """Return an array of finite numbers within the bounds of `number`; InputError names the first wrong value."""
     array = reals(name, values)
     inside = np.isfinite(array) & (gt is None or array > gt) & (ge is None or array >= ge)
     if not inside.all():
@@ -166,7 +166,7 @@ def _kinds_of(thing: Any) -> dict[str, Any]:
 
 @cache
 def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Origin and arguments of an annotation, for example Union and the types that it joins."""
+    """Origin and arguments of an annotation, for example Union and the types in the union."""
     origin, inner = get_origin(kind) or kind, get_args(kind)
     if kind == ArrayLike or origin is np.ndarray:
         return ArrayLike, ()

@@ -62,16 +62,16 @@ class Assessment:
 
     - label: name of the controller.
     - plant, controller, actuator: parts of the loop, SI.
-    - loop: `DeadTimeLoop`; a `SampledLoop` for a discrete controller; a `DelayedLoop` for a controller with delays,
-      such as the seeking controller.
+    - loop: a `SampledLoop` for a discrete controller, a `DelayedLoop` for a controller with delays (such as the
+      seeking controller), and a `DeadTimeLoop` for all other controllers.
     - limits: bounds that plant and actuator set for any controller.
     - closed_loop_poles: rightmost closed-loop poles, 1/s, 1-D; empty for a `DelayedLoop`.
-    - margins: margins of the loop; None if it is unstable.
+    - margins: margins of `loop`; None if `loop` is unstable.
     - pade: margins with Pade approximations of the dead time, order 1 to 5.
     - verdict: the worse of the verdicts on `loop` and `as_run`.
-    - as_run: loop of a continuous controller sampled at its period; None without a period, or if the period is so short
-      that sampling makes no difference.
-    - sampled: margins of `as_run`; None without `as_run`, or if that loop is unstable.
+    - as_run: loop with the continuous controller sampled at its period; None if the controller is discrete or has no
+      period, or if the period is so short that sampling makes no difference.
+    - sampled: margins of `as_run`; None if `as_run` is None or unstable.
     """
 
     label: str
@@ -107,7 +107,7 @@ class Assessment:
 
     @property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Interval of factors on the loop gain that stabilise; None if there is none."""
+        """Interval of the factors on the loop gain with which the loop is stable; None if no factor stabilises it."""
         interval: tuple[float, float] | None = self.loop.stabilizing_gain_range
         return interval
 
@@ -118,7 +118,7 @@ class Assessment:
 
     @property
     def verdict_line(self) -> str:
-        """Verdict with Ms or the number of unstable poles; a note if only the mass, not the wheel load, was changed."""
+        """Verdict, with Ms or the number of unstable poles, and a note if the mass changed without the wheel load."""
         alone = self.point.vehicle.mass_alone
         return f"{self._decided}. {alone}" if alone else self._decided
 
@@ -148,8 +148,8 @@ def slip_responses(
 ) -> tuple[TimeResponse, TimeResponse]:
     """Return the responses of the slip velocity, m/s, to a step of its reference and to a step of torque at the wheel.
 
-    `plant`, `controller` and `actuator` are those of `assess`. `times` is in s. `reference`, m/s, and `torque`, N*m,
-    are the sizes of the steps.
+    `controller` is a linear system from slip error (m/s) to torque (N*m), `plant` the wheel, `actuator` the brake.
+    `times` is in s. `reference`, m/s, and `torque`, N*m, are the sizes of the steps.
     """
     lag = np.array([-1 / actuator.lag] if actuator.lag > 0 else [], dtype=complex)
     brake = Rational(lag[:0], lag, 1 / (actuator.lag or 1.0))
@@ -174,8 +174,8 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     """Assess the loop of a linear plant, a controller and an actuator with exact dead time.
 
     - plant: the wheel, from `linearize`.
-    - controller: linear system from slip error (m/s) to torque at the wheel (N*m): any argument of
-      `controllers.systems.linear_controller`.
+    - controller: linear system from slip error (m/s) to torque at the wheel (N*m); anything that
+      `controllers.systems.linear_controller` accepts.
     - actuator: dead time and lag between commanded and acting torque.
     - label: name of the controller in reports; by default its structure.
 
@@ -260,7 +260,7 @@ def published_groups(points: Sequence[OperatingPoint]) -> tuple[ControllerGroup,
 
 
 def controller_group(title: str, assessments: tuple[Assessment, ...]) -> ControllerGroup:
-    """Return assessed loops as a group, with frequency responses over one band for all of them."""
+    """Return assessed loops as a group, with frequency responses over a common frequency band."""
     bands = [a.loop.feature_band() for a in assessments]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
     return ControllerGroup(title, assessments, tuple(frequency_curve(a.loop, low, high) for a in assessments))

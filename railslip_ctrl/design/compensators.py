@@ -1,9 +1,9 @@
 """Dead-time compensators with exact loops: Smith predictors and an observer with prediction.
 
-They control the plant G(s) exp(-tau s) from commanded torque, N*m, to -e, m/s, where e is the slip error, G = N/D and q
-= exp(-tau s). C0 = N0/D0 is the controller inside a Smith predictor. A loop is unstable also if an unstable mode
-cancels in L (a hidden mode). The margins are tolerances for changes of the true plant while the model in the controller
-remains unchanged.
+The plant is G(s) exp(-tau s). Its input is the commanded torque, N*m, its output is -e, m/s, where e is the slip error.
+We write G = N/D and q = exp(-tau s). C0 = N0/D0 is the controller inside a Smith predictor. A loop is also unstable if
+an unstable mode cancels in L (a hidden mode). The margins hold for changes of the true plant; the model of the plant in
+the controller does not change.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def filtered_smith_predictor(
     - filter_time: time constant of F, s, > 0; a larger one gives more robustness and slower rejection of disturbances.
     - roll_off: number of additional poles of F, against noise.
 
-    InputError if C0 G is not strictly proper, or unstable poles coincide.
+    InputError if C0 G is not strictly proper, or if unstable poles of the plant coincide.
     """
     number("filter time", filter_time, "s", gt=0)
     number("roll-off", roll_off, ge=0)

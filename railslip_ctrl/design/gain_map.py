@@ -59,8 +59,8 @@ class GainLevel:
 def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) -> tuple[GainLevel, ...]:
     """Return the gains of a PI that stabilise all plants, then for each of `LEVELS` those with Ms up to this level.
 
-    The lead of `control` is used with all gains. The result ends before the first level without gains. It is empty if
-    no gains stabilise all plants.
+    The lead of `control` is in series with all gains. The result ends before the first level without gains, and it is
+    empty if no gains stabilise all plants.
     """
     shape = PIController(PIGains(kp=1.0, ki=0.0), control.lead, control.lead_filter).transfer_function
     systems = [shape * actuated_plant(plant, actuator) for plant in plants]
@@ -169,7 +169,7 @@ def _around(value: float, count: int) -> list[float]:
 
 
 def hard_plants(plants: Sequence[LinearPlant]) -> list[LinearPlant]:
-    """Return the plants with the largest poles and the plant with the smallest, which usually limit the gains."""
+    """Return at most five plants, which usually limit the gains: those with the largest poles and the smallest pole."""
     order = sorted(plants, key=_pole)
     return order if len(order) <= _HARDEST else [order[0], *order[1 - _HARDEST :]]
 
@@ -180,7 +180,7 @@ def _pole(plant: LinearPlant) -> float:
 
 @dataclass(frozen=True)
 class Screen:
-    """Quick search for the plant at which a controller has the largest Ms, estimated on a grid of m frequencies.
+    """Quick search for the plant, among n, with which a controller has the largest Ms, estimated at m frequencies.
 
     - omega: frequencies, rad/s, (m,).
     - responses: frequency responses of brake and wheel, (n, m).
@@ -211,9 +211,9 @@ class Screen:
         )
 
     def hardest(self, system: Any, from_kmh: float = 0.0) -> int:
-        """Return the index of the plant with the largest Ms, or of the fastest unstable one.
+        """Return the index of the plant with the largest Ms at speeds of at least `from_kmh`, km/h.
 
-        Only plants at or above `from_kmh`, km/h, are searched.
+        If loops are unstable, return the index of the plant with the fastest pole among the plants of these loops.
         """
         c = controller_system(system)
         with np.errstate(all="ignore"):
@@ -228,7 +228,7 @@ class Screen:
 
 
 def fastest(points: EnvelopePoints, from_kmh: float = 0.0) -> int:
-    """Return the index of the plant, at or above a speed, km/h, whose pole has the largest real part."""
+    """Return the index of the plant with the fastest pole at speeds of at least `from_kmh`, km/h."""
     plants = points.plants
     return _largest(np.array([_pole(one) for one in plants]), [one.point.speed_kmh for one in plants], from_kmh)
 

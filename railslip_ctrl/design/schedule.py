@@ -71,7 +71,7 @@ def schedule_gains(
     - ms_max: largest Ms at the entries, a ratio, > 1. Between entries Ms may be slightly larger.
     - lead, lead_filter: time constants of a lead and its filter, common to all entries, s; 0 for none.
 
-    InfeasibleDesignError if no gains meet `ms_max` at a speed; InputError without speeds.
+    InfeasibleDesignError if no gains meet `ms_max` at a speed; InputError if `speeds_kmh` is empty.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     actuator = vehicle.actuator
@@ -89,7 +89,7 @@ def schedule_gains(
 
 
 def _checked(draft: GainSchedule, law: str, vehicle: Vehicle) -> GainSchedule:
-    """Return a copy of the schedule that has its worst Ms, also between the entries, and its lowest stable speed."""
+    """Compute worst Ms, also between the entries, and lowest stable speed; return a schedule with these values."""
 
     def loops(rail: Rail, speed_kmh: float) -> list[DeadTimeLoop]:
         controller = draft.controller(speed_kmh * KMH, rail)
@@ -121,7 +121,7 @@ def lowest_held_speed(
     ms_max: float = math.inf,
     low_kmh: float = _LOWEST_KMH,
 ) -> float:
-    """Return the lowest speed, km/h, from which up to 100 km/h the loop is stable with Ms <= `ms_max`.
+    """Return the lower end of the speed range up to 100 km/h in which the loop is stable with Ms <= `ms_max`, km/h.
 
     `plant` returns the linear plant at a speed, km/h. `low_kmh` is the lower end of the search, km/h. By default
     `ms_max` is infinite, and only stability is required. InfeasibleDesignError if the requirement is not met at 100
@@ -138,7 +138,7 @@ def lowest_held_speed(
 def lowest_stabilisable_speed(
     plant: Callable[[float], LinearPlant], actuator: Actuator, *, lead: float = 0.0, lead_filter: float = 0.0
 ) -> float:
-    """Return the lowest speed, km/h, from which up to 100 km/h some PI stabilises the loop at each speed.
+    """Return the lower end of the speed range up to 100 km/h in which a PI can stabilise the loop, km/h.
 
     `plant` returns the linear plant at a speed, km/h. `lead` and `lead_filter` are the time constants, s, of a lead in
     series with the PI; 0 for none. The search ends at 0.5 km/h.
@@ -167,7 +167,7 @@ def _lowest(holds: Callable[[float], bool], low: float, high: float, message: st
 
 
 Controller = Any
-"""Linear controller (any argument of `systems.linear_controller`), or a function of speed or slip that returns one."""
+"""Linear controller that `systems.linear_controller` accepts, or a function that returns it for a speed or slip."""
 
 
 @dataclass(frozen=True)
@@ -175,9 +175,9 @@ class MarginSweep:
     """Margins of several controllers over the values of one quantity.
 
     - axis, unit: name and unit of the quantity.
-    - values: its values, (n,), in `unit`.
+    - values: values of the quantity, (n,), in `unit`.
     - pole: real part of the plant's rightmost pole at each value, 1/s, (n,).
-    - margins: margins of each controller by its name, (n,) each, NaN if the loop is unstable.
+    - margins: margins of each controller, (n,) each, NaN if the loop is unstable; the keys are the controllers' names.
     """
 
     title: str
@@ -199,8 +199,8 @@ def sweep_speed(
 ) -> MarginSweep:
     """Return the margins of controllers over train speed, at the reference slip of a published adhesion law.
 
-    `controllers` has linear controllers by name, or functions of the speed, km/h, that return one. `initial_speed_kmh`
-    is v0 of the law, km/h.
+    `controllers` maps names to linear controllers, or to functions that return a controller for a speed, km/h.
+    `initial_speed_kmh` is v0 of the law, km/h.
     """
     plants = [plant_at(law, vehicle, rail, speed, initial_speed_kmh) for speed in speeds_kmh]
     slip = plants[0].point.slip if plants else math.nan
@@ -220,8 +220,8 @@ def sweep_slip(
 ) -> MarginSweep:
     """Return the margins of controllers over slip ratio at one train speed, also beyond the adhesion peak.
 
-    `controllers` has linear controllers by name, or functions of the slip ratio that return one. The law is a published
-    one with v0 `initial_speed_kmh`, km/h.
+    `controllers` maps names to linear controllers, or to functions that return a controller for a slip ratio. `law` is
+    the name of a published law, and `initial_speed_kmh` is v0 of this law, km/h.
     """
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     plants = [linearize(operating_point(adhesion, vehicle, speed_kmh * KMH, slip, rail=rail)) for slip in slips]

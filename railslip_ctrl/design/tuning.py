@@ -1,4 +1,4 @@
-"""PI gains from a specification, for one plant or many ([Astrom1998]), by hand, or by published rules."""
+"""Tuning of PI gains: by a specification for one or more plants ([Astrom1998]), by hand, or by published rules."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = ["PIDesign", "Specification", "pi_for_crossover", "pi_transfer_functio
 class PIDesign:
     """Tuned PI gains with the margins of every plant and the worst value of each margin.
 
-    kp is in units of the plant's input over its output, ki in the unit of kp per second.
+    The unit of kp is that of the plant's input over that of the plant's output; ki is in this unit per second.
     """
 
     kp: float
@@ -64,15 +64,15 @@ def tune_pi(
     - phase_min_deg, delay_min_s: smallest phase margin, deg, and smallest delay margin, s, of every loop.
     - crossover: lowest and highest gain crossover, rad/s; see `Specification`.
     - minimise_ms: if true, minimise the worst Ms under the other requirements; by default maximise ki. If all plants
-      are stable, the smallest Ms belongs to gains of almost 0; then maximise ki with `ms_max` instead.
+      are stable, gains of almost 0 have the smallest Ms; in this case maximise ki with `ms_max` instead.
     - ki_min: smallest ki, > 0, in the unit of kp per second, for `minimise_ms`.
     - compensator: python-control system, `Rational`, or a real number; a further transfer function in series with the
       PI, such as a lead.
     - names: names of the plants in messages; by default numbers.
 
     The gains meet the specification exactly, and ki is a local maximum. The search covers kp up to four times the
-    largest kp that stabilises with small ki. With a bound on Ms (up to 50) the search proves that no larger ki meets
-    it; only a range of ki narrower than 4 % can be missed. Without a bound on Ms it tries values of ki 25 % apart.
+    largest kp that stabilises with small ki. With `ms_max` up to 50 the search can miss a larger ki only if the allowed
+    ki form a range narrower than 4 %. Without `ms_max` it tries values of ki 25 % apart.
 
     InfeasibleDesignError: no PI meets the specification; the message has the best achievable value. InputError: no
     plants, an argument of wrong type, or a contradictory specification.
@@ -167,7 +167,7 @@ _LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times of the first 
 
 @dataclass(frozen=True)
 class TunedCases:
-    """Specification for a kind of controller at some operating points, and the gains that were tuned, SI.
+    """Gains of a `kind` of controller, tuned to a `specification` at some operating points, SI.
 
     If no gains meet the specification, `design` is None, and `reason` states why. `lead` and `lead_filter` are in s.
     """
@@ -214,7 +214,7 @@ def tune_cases(
         given = "lead" if lead is not None else "lead filter"
         raise InputError(f"{given} has no effect with structure {kind.kind!r}; choose 'pi-lead' or 'pid'")
     if issubclass(kind, PID) and lead is not None:
-        raise InputError("lead: structure 'pid' tunes its own derivative time; to set it yourself choose 'pi-lead'")
+        raise InputError("lead: structure 'pid' computes the lead's time constant; to set it yourself choose 'pi-lead'")
     tuned = partial(_tune, plants, actuator, kind, specification, ki_min, lead_filter)
     if issubclass(kind, PID):
         return _searched(tuned, actuator.lag or actuator.dead_time or 1.0)
@@ -441,7 +441,7 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
 
     [Skogestad2003] does not cover unstable plants; here all lags of an unstable plant are added to the dead time.
 
-    InputError: another plant, or negative zeros whose time constants are larger than the dead time of the model.
+    InputError: a plant with other poles or zeros, or negative zeros with time constants above the model's dead time.
     """
     number("dead time", dead_time, "s", ge=0)
     plant = Rational.from_control(plant, "plant")
@@ -454,7 +454,7 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     poles, zeros = plant.poles.real, plant.zeros.real
     if np.count_nonzero(poles >= 0) > 1:
         raise InputError(
-            "first-order model: the plant has several poles on or right of the axis; the rules allow at most one"
+            "first-order model: the plant has several poles with real part >= 0; the rules allow at most one"
         )
     lags = np.sort(-1 / poles[poles < 0])[::-1]
     unstable, integrating = poles[poles > 0], poles[poles == 0]
@@ -478,8 +478,8 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     theta -= float(leads.sum())
     if theta < 0:
         raise InputError(
-            f"first-order model: with the zeros of the plant subtracted its dead time is {theta:.4g} s, but the tuning "
-            "rules need >= 0; cancel the zeros in the controller first"
+            f"first-order model: the negative zeros of the plant reduce the model's dead time to {theta:.4g} s, but "
+            "the tuning rules need a dead time >= 0; cancel the zeros in the controller first"
         )
     return FirstOrderModel(kind, float(gain), time_constant, theta)
 
@@ -501,7 +501,7 @@ def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = No
     if model.kind is Kind.UNSTABLE:
         raise InputError(
             f"SIMC: the plant has an unstable pole at {1 / model.time_constant:.4g} 1/s; the rule holds for stable and "
-            "integrating plants only; use rotstein_lewin or a computed design"
+            "integrating plants only; use rotstein_lewin or tune_pi"
         )
     tau_c = model.dead_time if closed_loop_time is None else closed_loop_time
     total = tau_c + model.dead_time
@@ -521,7 +521,7 @@ def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, der
 
     The first-order model has gain k, time constant T and dead time theta; the tuning parameter is lambda. With alpha =
     lambda (lambda/T + 2) the PI has kp = T alpha/(k lambda^2) and integral time alpha. The PID is this PI in series
-    with (theta s/2 + 1). With dead time lambda must be in an interval, which [Rotstein1991] gives as a graph.
+    with (theta s/2 + 1). If theta > 0, lambda must lie in an interval that [Rotstein1991] gives as a graph.
 
     - plant, dead_time: plant without dead time, and dead time, s, as in `first_order_model`.
     - closed_loop_time: lambda, s, > 0.
@@ -532,7 +532,7 @@ def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, der
     """
     model = first_order_model(plant, dead_time)
     if model.kind is not Kind.UNSTABLE:
-        raise InputError(f"Rotstein-Lewin: the plant is {model.kind.value}; the rule is for unstable ones; use simc_pi")
+        raise InputError(f"Rotstein-Lewin: the plant is {model.kind.value}; the rule needs unstable ones; use simc_pi")
     lam, k, t, half = closed_loop_time, model.gain, model.time_constant, model.dead_time / 2 if derivative else 0.0
     number("closed-loop time", lam, "s", gt=0)
     most = (2 if derivative else 1) * t

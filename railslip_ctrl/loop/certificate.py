@@ -61,7 +61,7 @@ class Certificate:
     - parts: number of frequency intervals on which |S| and |T| were bounded; 0 without dead time.
     - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt: enclosures of the margins with these names in `Margins`:
       factors, deg, s, ratios. All are None for an unstable loop. Both ends are inf for a margin without bound.
-      `gain_decrease` is (0, 1e-9) if L(0) < -1e9, the value that an integrator with rounded coefficients has.
+      `gain_decrease` is (0, 1e-9) if L(0) < -1e9, as for an integrator with rounded coefficients.
     """
 
     stable: bool
@@ -392,7 +392,7 @@ class _Sum:
         self._balls: dict[int, list[list[tuple[arb, acb_poly]]]] = {}
 
     def _bare(self, s: acb, order: int) -> acb:
-        """Derivative, of the given `order`, of the sum without the division by s^removed."""
+        """Derivative of the given `order` of the sum before the division by s^removed."""
         if ctx.prec not in self._balls:
             self._balls[ctx.prec] = [
                 [(arb(tau), acb_poly(arb_poly(one))) for tau, one in each] for each in self.derivatives
@@ -421,7 +421,7 @@ class _Sum:
         return _Part(value, value + rates * offset, rates)
 
     def total(self, omega: arb) -> arb:
-        """Sum of the magnitudes of all terms, without the division by s^removed."""
+        """Sum of the magnitudes of all terms before the division by s^removed."""
         return sum(
             (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
         )
@@ -446,7 +446,7 @@ def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | Non
 
     - num, den: terms of N and D, each a delay in s and coefficients in descending powers of s.
     - removed: N and D are each divided by s^removed; `num` and `den` are the sums before this division.
-    - margins: start values of the margins; None for an unstable loop.
+    - margins: margins in double precision, near which the enclosures are searched; None for an unstable loop.
 
     The frequency axis is divided until mean-value bounds prove the following on each interval. D + N does not vanish.
     |L| crosses 1 at most once. |S| and |T| stay below the upper ends of their enclosures. No gain factor inside the
@@ -543,7 +543,7 @@ class _Delayed:
                 raise _TooWideError
 
     def _proved(self, low: arb, high: arb) -> bool:
-        """True if the statements in `certify_delayed` are proved from `low` to `high`; store a gain crossover there."""
+        """True if the statements in `certify_delayed` are proved from `low` to `high`; a gain crossover is stored."""
         half = (high - low) / 2
         num, den = self._num.over(low, high), self._den.over(low, high)
         both = _Part(*(a + b for a, b in zip(num, den, strict=True)))
@@ -580,7 +580,7 @@ class _Delayed:
 
     @cached_property
     def _direction(self) -> _Sum:
-        """D divided by s until it does not vanish at s = 0."""
+        """D without its zeros at s = 0."""
         terms = [
             (nearest_double(tau), [nearest_double(c) for c in reversed(one.coeffs())] or [0.0])
             for tau, one in self._den.derivatives[0]
@@ -621,7 +621,7 @@ class _Delayed:
         return low.union(high)
 
     def _factor(self, factor: float, omega: float) -> arb:
-        """Gain margin as a ball, from its value `factor` and its frequency `omega`, rad/s, in double precision."""
+        """Gain margin as a ball; `factor` and `omega`, rad/s, are the margin and its frequency in double precision."""
         if not math.isfinite(omega):
             if factor > 0:
                 raise CertificateError(

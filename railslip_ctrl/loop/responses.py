@@ -1,8 +1,8 @@
 """Closed-loop time responses with exact dead time to reference, load, measurement offset and initial state.
 
-The method of steps ([Bellen2003]) gives each response to rounding, without a Pade approximation. Over one dead time tau
-the delayed command is a known function of time, and the rest of the loop is a linear differential equation without
-delay.
+The method of steps ([Bellen2003]) gives each response with rounding errors only, without a Pade approximation. Over one
+dead time tau the delayed command is a known function of time, and the rest of the loop is a linear differential
+equation without delay.
 
 Signals with unity negative feedback, L = C G P exp(-tau s)::
 
@@ -40,7 +40,7 @@ _WELL_POSED = 1e-12  # least |1 + L(inf)| without dead time; a smaller one is 0 
 
 @dataclass(frozen=True)
 class TimeResponse:
-    """Signals of a closed loop, all 0 before t = 0; arrays of one shape, with one entry for each time.
+    """Signals of a closed loop, all 0 before t = 0; each array has one entry for each time.
 
     At a jump a signal has the value after the jump. SI units; in a wheel-slip loop torques are in N*m and slip
     velocities in m/s.
@@ -83,7 +83,7 @@ class TimeResponse:
         return max(0.0, float((self.output / self.reference).max()) - 1.0)
 
     def settling_time(self, target: float, band: float) -> float:
-        """First of the times, s, from which on |y - target| <= band; inf if this does not hold at the last time.
+        """First entry of `time`, s, from which |y - target| stays <= band; inf if |y - target| > band at the last time.
 
         - target, band: final value and tolerance, in the unit of y.
         """
@@ -248,7 +248,7 @@ class Equations:
         )
 
     def balanced(self) -> tuple[Equations, Floats, float]:
-        """Equations with scaled states, the scale of each state, and a bound `rate` on the rates of the signals, 1/s.
+        """Equations with scaled states, the scale of each state, and a rate, 1/s, that bounds all derivatives.
 
         The derivative of order k of a signal is at most rate^k times the largest value of the signal over the past dead
         times.
@@ -273,7 +273,7 @@ class Marcher:
         self._equations, self._dead_time, self._steps, self._rate = scaled, dead_time, steps, rate
 
     def run(self, start: Floats, times: Floats) -> tuple[Floats, Floats]:
-        """Compute y, u, q and error at `times`, s, (4, n), and du/dt, (n,), from the states `start` at t = 0."""
+        """Compute y, u, q and error, shape (4, n), and du/dt, shape (n,), at `times`, s; `start`: states at t = 0."""
         end = float(times[-1])
         back, length = self._pieces(end)
         if not end / length < _MOST_PIECES:

@@ -42,8 +42,8 @@ def design_page(envelope: Envelope | Vehicle = PARK2008, controller: Any = None,
     A notebook shows the returned page in a frame; a browser shows it at its `address`. The page is served until its
     `close()` is called, or Python ends.
 
-    - envelope: operating points and tolerances of the design; or a vehicle, whose envelope is then used.
-    - controller: first design: a controller, its class, a linear system or a design of `tune`; by default a PI-lead.
+    - envelope: operating points and tolerances of the design; or a vehicle, which means the envelope of this vehicle.
+    - controller: design at the start: controller, controller class, linear system or result of `tune`; default PI-lead.
     - port: port number on 127.0.0.1; with 0 any free port is used.
 
     InputError if the controller has no named parameters, the envelope has no operating points, or the port is in use.

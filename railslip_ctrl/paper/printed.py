@@ -1,6 +1,6 @@
 """Equations and numbers of [Park2008] exactly as printed, including misprints; equation numbers are in parentheses.
 
-The symbol `sigma_d_rate` is sigma_d' of the paper. Tm, which the paper does not define, is read as Ta.
+The symbol `sigma_d_rate` is sigma_d' of the paper. The paper does not define Tm; here Tm is the adhesion torque Ta.
 """
 
 from __future__ import annotations

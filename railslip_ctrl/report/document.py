@@ -69,7 +69,7 @@ class Facts:
 class Table:
     """Table with a line below its head.
 
-    - left: number of leading columns that are aligned left in text, and repeated if a wide table is divided.
+    - left: number of columns, counted from the left, that text aligns left; a wide table that is divided repeats them.
     - whole: number of leading columns whose cells are never wrapped in text.
     - text_columns: indices of further columns that are aligned left in text.
     - caption: shown above the table in HTML, not in text.
@@ -119,7 +119,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """Picture with a caption; `name` is the key of its drawing, and `alt` describes it for a screen reader."""
+    """Picture with a caption; `name` selects the drawing, and `alt` describes the picture for a screen reader."""
 
     name: str
     caption: str
@@ -159,7 +159,7 @@ class FirstPage:
     """First page of a report, which can be read in a minute.
 
     - headline: result in a few words.
-    - subject: the object of the headline, such as the recommended controller.
+    - subject: what the headline is about, such as the recommended controller.
     - file: name of the file that contains the subject; empty if there is none.
     - lines: pairs of a heading and its text.
     - head, rows: table of main numbers.
@@ -177,7 +177,7 @@ class FirstPage:
 
 @contextmanager
 def columns(number: int) -> Iterator[None]:
-    """Inside the `with` block, make reports `number` characters wide, for a terminal narrower than `WIDTH`."""
+    """Make reports in the `with` block `number` characters wide, for a terminal narrower than `WIDTH`."""
     before = _width.set(number)
     try:
         yield

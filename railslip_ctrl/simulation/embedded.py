@@ -1,4 +1,4 @@
-"""Writes a controller as a C99 program, whose comment states the effect of single precision."""
+"""Writes a controller as a C99 program; a comment in the program states the effect of single precision."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _SEED = 0  # seed of the random force in the stops that compare single with doub
 def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tuple[Path, Path]:
     """Write a controller as C99: a source file, and a header beside it.
 
-    - controller: controller as for `simulate`, but not a user's Python object or function. A controller that assumes
+    - controller: what `simulate` accepts, except a user's Python object or function. A controller that assumes
       the adhesion law of the run gets the law of a stop on dry rail.
     - path: path of the source file, which ends in .c.
-    - vehicle: vehicle whose wheel, brake and load the controller assumes where it sets no values itself. Stops of this
-      vehicle are simulated to compare single with double precision.
+    - vehicle: vehicle that gives the parameters of wheel, brake and load that the controller does not set itself. Stops
+      of this vehicle are simulated to compare single with double precision.
 
     Returns the paths of the source file and of the header. InputError if the controller cannot be written in C, or if a
     file cannot be written.

@@ -1,4 +1,4 @@
-"""Braking runs on a CUDA GPU, by the source text of `kernel` in which a few lines are replaced."""
+"""Braking runs on a CUDA GPU, computed with the source text of `kernel` after a few replacements."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def every_stop(settings, event_time, event_distance, event_p, event_c, event_cho
 
 
 def cuda_text(text: str, events: int, history: int, options: str = "") -> str:
-    """Return the source `text` of a simulation, changed for CUDA; `events` and `history` are lengths of its arrays."""
+    """Return the source `text` of a simulation, changed for CUDA; `events` and `history` are array lengths."""
     for old, new in _CHANGES.items():
         assert text.count(old) == 1, f"the kernel has {old!r} once"
         text = text.replace(old, new.format(events=events, history=history))
@@ -126,7 +126,7 @@ def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Flo
 
 
 def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
-    """Simulate the stops of `launch` and yield their runs; InputError without a GPU or for a user's Python code."""
+    """Simulate the stops and yield the runs; InputError without a GPU or for a user's Python code."""
     cuda, controller = check_device(), stops[0][0].controller
     if isinstance(controller, StepControl):
         raise InputError(f"--device: a GPU cannot run the Python code of {controller.label}; leave --device out")
@@ -138,7 +138,7 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
 
 
 def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
-    """Return the arguments `settings` to `x` of the CUDA function `every_stop` for one stop."""
+    """Return the row of one stop in each argument of the CUDA function `every_stop`, from `settings` to `x`."""
     plan, force, noise = simulator.plan, simulator.scenario.disturbances, simulator.scenario.measurement
     hold = force.random_hold if force.random_force > 0 else 0.0
     # an event that never happens is the last one

@@ -1,4 +1,4 @@
-"""Stops of random vehicles on random rails, for which no controller was tuned; each seed gives one stop.
+"""Random stops, to test controllers on vehicles and rails for which they were not tuned; each seed gives one stop.
 
 A stop can be simulated without errors, or with errors of sensors, brake and assumed parameters; vehicle and rail are
 the same in both cases.
@@ -63,8 +63,8 @@ def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
     """Return a random adhesion curve with one peak, as a table; it does not depend on the wheel load.
 
     The peak is at a slip ratio of 0.008 to 0.15, where mu is 0.05 to 0.35. Let x be the slip divided by the slip of the
-    peak. For x < 1, mu is proportional to 1 - (1 - x)^a. For x > 1, mu falls towards a plateau; the difference from the
-    plateau is proportional to 1/(1 + ((x - 1)/w)^2). On the plateau mu is 0.35 to 0.95 times the peak value.
+    peak. For x < 1, mu is proportional to 1 - (1 - x)^a. For x > 1, mu falls towards a plateau of 0.35 to 0.95 times
+    the peak value; the difference from the plateau is proportional to 1/(1 + ((x - 1)/w)^2). a and w are random.
     """
     slip = _log_uniform(rng, 0.008, 0.15)
     mu, a, plateau = rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0), rng.uniform(0.35, 0.95)
@@ -98,7 +98,7 @@ def _reference(slip: float) -> ReferenceSlip:
 
 
 def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
-    """Return Polach's law with random parameters near the parameters that he gives for dry and wet rail.
+    """Return Polach's law with random parameters near Polach's own parameters for dry and wet rail.
 
     The semi-axes of the contact ellipse are proportional to the cube root of `wheel_load`, N.
     """
@@ -111,7 +111,7 @@ def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
 
 
 def burckhardt(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Return Burckhardt's curve with random parameters in the range of rails."""
+    """Return Burckhardt's curve with random parameters for rails."""
     c1, c2, fall = rng.uniform(0.06, 0.35), 1.0 / _log_uniform(rng, 0.002, 0.04), rng.uniform(0.2, 0.7)
     return law_class("burckhardt").model_validate({"c1": c1, "c2": c2, "c3": fall * c1, "reference": _reference(0.05)})
 
@@ -157,7 +157,7 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = Ma
 
 
 def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) -> Scenario:
-    """Return the random stop of a seed, from 100 to 5 km/h, with commands up to the full brake torque.
+    """Return the random stop of a seed, from 100 to 5 km/h, with a largest command of the full brake torque.
 
     - family: name of the random adhesion law in `FAMILIES`.
     - errors: True adds random errors of sensors, brake and assumed parameters; the constants of this module bound them.

@@ -1,7 +1,7 @@
-"""Interval arithmetic: SymPy expressions and adhesion laws on balls, and the largest value of a function over a box.
+"""Interval arithmetic: SymPy expressions and adhesion laws with balls, and the largest value of a function in a box.
 
-A ball is python-flint's `arb`: a midpoint and a radius, rounded outward. The ball of a result contains every value that
-the arguments' balls allow.
+A ball is python-flint's `arb`: a midpoint and a radius, rounded outward. A function of balls returns
+a ball that contains the result for all values in these balls.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
 
 
 def _pieces(*parts: arb) -> arb:
-    """Return a ball that contains a Piecewise; `parts`: value and slack of each branch, value of the last one."""
+    """Return a ball that contains a Piecewise; `parts`: value and slack of each earlier branch, value of the last."""
     # the first branch with a slack >= 0 applies; the slack of a branch is a ball, so that several may apply
     possible = []
     for value, slack in zip(parts[:-1:2], parts[1::2], strict=True):
@@ -76,7 +76,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **functions: Any) -> Callable[..., Any]:
     """Return a function from balls of the `arguments` to a list of enclosures of the expressions.
 
-    functions: enclosures of further SymPy functions, by name. InputError for a function without enclosure.
+    functions: enclosures of further SymPy functions, as keywords. InputError for a function without enclosure.
     """
     known = {**_FUNCTIONS, "pi": arb.pi(), **functions}
     exact = [_exact(expression) for expression in expressions]
@@ -187,7 +187,7 @@ def _curve_node(law: Curve, index: int) -> arb:
 class Largest:
     """Bounds of the largest value of a function over a box.
 
-    - attained: lower bound, the lower end of the enclosure at `point`.
+    - attained: lower bound; at `point` the function has at least this value.
     - bound: upper bound, rounded up.
     - parts: number of boxes examined.
     """

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "64d2710608e7644e516a6cac45049d957ea42765b93d8be906fe1a1c6ea789fd"
+SOURCES_SHA256 = "30a3c251aeaac5363a27904b31e9d50adea0ac4c3c2f7f52e6c455a01ad9f1b3"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

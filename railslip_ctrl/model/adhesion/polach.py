@@ -1,4 +1,4 @@
-"""Polach model, static, for wheel and rail at the adhesion limit."""
+"""Static adhesion law of Polach, made for wheel and rail near the adhesion limit."""
 
 from __future__ import annotations
 

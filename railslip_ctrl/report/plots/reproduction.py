@@ -26,12 +26,12 @@ _SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle, steady"}
 
 
 def model_figures(curves: Sequence[ModelCurve]) -> dict[str, Figure]:
-    """Return figures of the adhesion models on dry rail by file name: Fig. 13, and one figure for Figs. 14 and 15."""
+    """Return Fig. 13, and one figure for Figs. 14 and 15: adhesion models on dry rail, with file names as keys."""
     return {"fig_13": _models_by_speed(curves), "figs_14_15": _speeds_by_model(curves)}
 
 
 def run_figures(runs: Mapping[str, Run]) -> dict[str, Figure]:
-    """Return Figs. 18 to 21 by file name; `runs` has a recorded run for each column of Table 5."""
+    """Return Figs. 18 to 21, with file names as keys; `runs` has a recorded run for each column of Table 5."""
     return {
         "fig_18": _speeds(18, {name: run for name, run in runs.items() if name.startswith("PI")}),
         "fig_19": _speeds(19, {name: run for name, run in runs.items() if name.startswith("ASMC")}),

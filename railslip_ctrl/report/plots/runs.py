@@ -31,7 +31,7 @@ _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 
 
 def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
-    """Plot mean braking distance, with its bound, and mean slip error of every controller, one row per scenario."""
+    """Plot mean braking distance and mean slip error of every controller, one row per scenario; dashed: the bound."""
     seeds = ", ".join(dict.fromkeys(f"{len(item.seeds)}" for item in comparisons))
     title = f"Braking distance and slip error, means over {seeds} seeds"
     figure = style.new_figure(0.4 + 2.7 * len(comparisons), title)
@@ -103,8 +103,8 @@ def no_lock_figure(result: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: s
     """Plot no-lock regions and runs, torque over slip, with a panel for each entry of `result`.
 
     Below the line of a speed it is proved that the wheel does not lock at this speed if the brake is released. A grey
-    line shows the run, with a cross at each sample without this proof. A mark shows where the run reaches each speed;
-    it is hollow without this proof.
+    line shows the run. A cross marks each sample for which this is not proved. For each speed, a further mark shows
+    where the run reaches the speed; the mark is hollow if the proof does not hold there.
     """
     legend = "below a line the wheel certainly does not lock if the brake is released; marks: the run at these speeds"
     figure = style.new_figure(3.9, f"{title}; {legend}")
@@ -240,7 +240,7 @@ _LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # white outline, so 
 
 
 def distributions_figure(summary: CampaignSummary) -> Figure | None:
-    """Plot the distribution of four measures over the runs of a campaign that stopped; None if no run stopped."""
+    """Plot the distribution of four measures over the runs in which the train stopped; None without such runs."""
     if not summary.any_stopped:
         return None
     figure = style.new_figure(0.9 + 1.5 * len(_SHOWN), _title(summary))
@@ -269,9 +269,9 @@ def distributions_figure(summary: CampaignSummary) -> Figure | None:
 
 
 def scatter_figure(summary: CampaignSummary) -> Figure | None:
-    """Plot the measure by which runs are ranked over each varied quantity.
+    """Plot the measure that ranks the runs against each varied quantity.
 
-    Rings mark the worst runs of each controller. None if no quantity is varied or no run stopped.
+    Rings mark the worst runs of each controller. None if no quantity is varied, or if the train stopped in no run.
     """
     heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     if not heads or not summary.any_stopped:
@@ -319,9 +319,9 @@ def _dotted(head: str) -> str:
 
 
 def tail_figure(result: RareEvent | ConfidenceLevels) -> Figure:
-    """Plot the probability that a stop is worse than a value, over this value, with its 95 % interval.
+    """Plot the probability that the result of a stop is worse than x, and its 95 % interval, against x.
 
-    Estimates by plain Monte Carlo are added for values that are exceeded often enough.
+    Estimates by plain Monte Carlo are added where the probability is large enough for them.
     """
     tail, figure = result.tail, style.new_figure(3.6, str(result))
     ax = style.panels(figure)[0, 0]

@@ -1,9 +1,9 @@
 """Probability of a rare event over the random quantities of a campaign, its random force and its sensor noise.
 
 The random inputs of a stop are standard normal variables. An input z of a quantity gives the value at which the
-distribution function of the quantity is Phi(z), the standard normal distribution function. The inputs of the noise are
-its random numbers up to `_REMEMBERED` times the duration of the nominal stop. The last input gives the seed of later
-random numbers.
+distribution function of the quantity is Phi(z), the standard normal distribution function. Other inputs
+are the random numbers of random force and sensor noise up to `_REMEMBERED` times the duration of the nominal stop. The
+last input gives the seed of the random numbers after this time.
 """
 
 from __future__ import annotations
@@ -95,9 +95,9 @@ class Event(NamedTuple):
 
 
 class Stops:
-    """Function that simulates stops of a campaign and returns their `measure`, or +inf if a stop is not simulated.
+    """Function that simulates stops of a campaign; the result is the `measure` of each stop, or inf without a result.
 
-    - groups: indices of the inputs of each quantity, of the random force and of the sensor noise, by name.
+    - groups: range of inputs of each quantity, of the random force and of the sensor noise; the keys are their names.
     - counts: number of stops so far, and number of stops that are not simulated to their end: a value is not allowed,
       or the simulation fails.
 
@@ -129,7 +129,7 @@ class Stops:
             )
 
     def drawn(self, point: Floats) -> tuple[dict[str, float], Noise]:
-        """Return the quantities by name, SI, and the noise for a `point`: the values of all random inputs, (n,)."""
+        """Return each quantity's name and value, SI, and the noise for a `point`: values of all random inputs, (n,)."""
         from scipy.special import ndtr
 
         quantities = self.campaign.quantities
@@ -166,8 +166,8 @@ class Tail(NamedTuple):
 
     - x: values of the result, 1-D, in its unit.
     - value, low, high: probability and its interval at each x, ratios.
-    - plain: the same probability as the share of independently drawn stops, with Wilson's interval, for comparison:
-      rows (x, share, low, high), (n, 4), shares as ratios.
+    - plain: for comparison, the share of worse stops among independently drawn stops, with Wilson's interval: rows
+      (x, share, low, high), (n, 4), shares as ratios.
     """
 
     x: Floats
@@ -182,7 +182,8 @@ class FailingStop(NamedTuple):
     """Most likely stop in which the event occurs.
 
     - distance: length of the vector of all random inputs, measured from their medians, in standard deviations.
-    - values, noise: values of the quantities by name, SI, and random numbers of random force and sensor noise.
+    - values: value of each quantity, SI; the keys are the names.
+    - noise: random numbers of the random force and of the sensor noise.
     - run: the simulated stop.
     """
 
@@ -200,8 +201,8 @@ class RareEvent:
     - subset, importance: estimates by subset simulation and by importance sampling, with 95 % interval and coefficient
       of variation, ratios; `importance` is None if no stop had the event.
     - levels: thresholds of the levels of subset simulation, in the unit of the event.
-    - shares: importance of each quantity, of the random force and of the sensor noise as causes of the event: share in
-      the squared length of the mean vector of the random inputs over the stops with the event, ratios.
+    - shares: how much each quantity, the random force and the sensor noise contribute to the event, ratios: share in
+      the squared length of the vector of mean random inputs of the stops with the event.
     - stop: most likely stop with the event; None if no stop had the event, or if the values of this stop are not
       allowed.
     - tail: probability that the result of a stop is worse than a value, as a function of this value.
@@ -267,7 +268,7 @@ class ConfidenceLevels:
 
 
 def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: str) -> dict[str, Any]:
-    """Compute a task in a worker process: its kind in `_KINDS`, its number, and the arguments for this kind."""
+    """Compute a `task` in a worker process; a task is a key of `_KINDS`, a number, and arguments for this kind."""
     check_version(version)
     (campaign, event), (kind, i, given) = shared, task
     stops = Stops(campaign, event.measure)
@@ -288,7 +289,7 @@ class _Study:
     def at_work(
         self, folder: str | Path | None, workers: int | None, scheduler: str | None, progress: Callable[[str], None]
     ) -> Iterator[None]:
-        """Start the worker processes, choose the levels of subset simulation, and compute the repeats."""
+        """Start the worker processes, choose the levels of subset simulation, and compute the independent estimates."""
         campaign, event, self._progress = self.stops.campaign, self.event, progress
         what = json.dumps([__version__, {**described(campaign), "runs": 0}, *map(str, event), self.points])
         where = TemporaryDirectory() if folder is None else nullcontext(folder)
@@ -334,23 +335,23 @@ class _Study:
     def warnings(self) -> list[str]:
         found, threshold = [], self.event.threshold
         if (same := max(map(subset.repeated, self.repeats))) > _MOST_REPEATED:
-            found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops of a level have equal values")
+            found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops in a level have equal results")
         if (low := np.mean([one.accepted for one in self.repeats], axis=0).min(initial=1.0)) < _LEAST_ACCEPTED:
-            found.append(f"the levels stall: only {100 * low:.1f} % of a level's moves are accepted; give more points")
+            found.append(f"subset simulation accepts only {100 * low:.1f} % of a level's moves; give more points")
         if not any(one.probability(threshold) for one in self.repeats) and math.isfinite(threshold):
-            found.append(f"the levels stall: no stop met the event; its probability is below {self.reached:.1g}")
+            found.append(f"the event occurred in no simulated stop; its probability is below {self.reached:.1g}")
         total, unresolved = self.stops.counts
         if unresolved:
-            found.append(f"{unresolved} of {total} stops were refused or broken off and count as the event")
+            found.append(f"{unresolved} of {total} stops were not simulated to the end and count as the event")
         return found
 
     @property
     def reached(self) -> float:
-        """Estimated probability that a stop reaches the last level."""
+        """Estimated probability that a stop reaches the last level of subset simulation."""
         return float(np.mean([np.prod(one.shares) for one in self.repeats]))
 
     def candidates(self, mean: Floats, kept: Floats) -> Iterator[Floats]:
-        """Yield directions in which to search the design point: `mean`, then inputs in `kept` with reduced noise."""
+        """Yield directions to search for the most likely failing stop: `mean`, then rows of `kept` with less noise."""
         yield mean
         count = len(self.stops.campaign.quantities)
         nearest = kept[np.argsort(np.linalg.norm(kept[:, :count], axis=1))[:_SHOWN]]
@@ -374,8 +375,8 @@ def rare_event(
 
     - campaign: campaign with one controller and no grid; its number of runs and its sampling have no effect.
     - event: "lock", or a bound with its unit: "distance > 420 m", "time > 20 s", "slip > 0.5" (ratio).
-    - folder: folder for finished repeats, so that an interrupted study is resumed; by default nothing is kept.
-    - workers, scheduler: processes, or a Dask scheduler, as for `execute`; they do not change the numbers.
+    - folder: folder for finished repeats, so that an interrupted study is resumed; by default no results are stored.
+    - workers, scheduler: number of processes, or a Dask scheduler, as for `execute`; the results do not depend on them.
     - points: number of stops in each level of a repeat, and number of stops in a repeat of importance sampling.
     - repeats: number of independent estimates by each method; the intervals are computed from their differences.
     - progress: function that is called with a line of text for each finished task.
@@ -397,8 +398,8 @@ def rare_event(
             between = subset.apart(stops, kept, threshold, stream(campaign.seed, _STREAM, len(_KINDS)))
             if between > _MOST_APART:
                 warnings.append(
-                    f"the event may have several regions: {100 * between:.0f} % of the pairs of stops with the event "
-                    "have a stop without it between them; the probability lacks the regions that no repeat has found"
+                    f"the event may have several regions: for {100 * between:.0f} % of the pairs of stops with it "
+                    "the stop midway is without it; the probability lacks the regions that no repeat has found"
                 )
             values = np.array([one.value for one in study.done("importance", repeats, centre, points)])
             importance = subset.pooled(values)
@@ -408,7 +409,7 @@ def rare_event(
                     f"the methods disagree: importance sampling gives {importance.value:.3g}, subset simulation "
                     f"{by_subset.value:.3g}"
                 )
-            with suppress(InputError):  # its values are not allowed; `study.warnings` reports such stops
+            with suppress(InputError):  # the values are not allowed; `study.warnings` reports such stops
                 run = stops.run(centre, record_every=1)
                 stop = FailingStop(float(np.linalg.norm(centre)), *stops.drawn(centre), run)
         better = importance is not None and importance.variation < by_subset.variation and not warnings
