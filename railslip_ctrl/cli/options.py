@@ -424,7 +424,7 @@ def envelope_options(default_text: str) -> Option:
     nominal = switch("--nominal", "Judge the envelope without tolerances.")
     text = (
         "Judge over an envelope: a TOML file, or default, which is the table [envelope] of the vehicle's file, or the "
-        "default envelope if the file has no such table. --rail, --adhesion, --speed, --slip and --loaded narrow it."
+        "default envelope if the file has no such table. --rail, --adhesion, --speed, --slip and --loaded change it."
     )
     envelope = option("--envelope", "default|FILE", text, default_text)
     return lambda function: envelope(nominal(function))
