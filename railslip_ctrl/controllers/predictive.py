@@ -20,7 +20,7 @@ from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
 
 from .base import LEAST_PERIOD, PERIOD, Controller
-from .linear import TORQUE_LIMIT, adhesion_share
+from .linear import full_brake_torque
 from .predictive_sampled import KEPT, SampledLaw, linear_wheel, sampled_laws
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ class Predictive(Controller):
         rounded to whole km/h, at least 5 km/h; the reference fades below 27/13 times this speed. The factors were found
         from stops on many rails: halving or doubling a factor changes the distances less than the random force does.
         Light and heavy vehicles have Ms <= 2, and their loops are stable with the tolerances. The largest torque is the
-        full brake of the published vehicle, scaled by N r.
+        full brake torque.
 
         N r^2 theta/J is the slip velocity gained in one dead time if mu falls by 1. x is 16 m/s divided by it,
         limited to 0.44 .. 1: with a larger wheel load N, the slip runs away sooner past the peak, and the torque must
@@ -204,7 +204,7 @@ class Predictive(Controller):
             )
         switching = 0.23 * vehicle.wheel_load * vehicle.wheel.radius / (dead_time + vehicle.actuator.lag)
         rules = {
-            "torque_max": TORQUE_LIMIT * adhesion_share(vehicle, vehicle.wheel_load),
+            "torque_max": full_brake_torque(vehicle),
             "kappa": 0.27 * quick / dead_time,
             "reaching_rate": 0.3 / dead_time,
             "switching_gain": switching,

@@ -294,10 +294,13 @@ def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
         worst = "unstable" if math.isinf(trial.worst_ms) else f"Ms {trial.worst_ms:.3g}, nearly unstable"
         yield f"with tolerances {worst}"
     if trial.locked:
-        yield f"a wheel locks in {trial.locked} of {len(trial.stops) + len(trial.harder)} stops"
+        first = max((*trial.stops, *trial.harder), key=lambda stop: stop.locked_from)
+        where = ", ".join(filter(None, (first.law, first.load, first.errors or str(first.rail))))
+        speed = f"{first.locked_from / KMH:.0f} km/h"
+        yield f"a wheel locks in {trial.locked} of {len(trial.stops) + len(trial.harder)} stops ({where}, at {speed})"
     runs = [run for stop in (*trial.stops, *trial.harder) for run in stop.runs]
-    if lost := list(dict.fromkeys(run.outcome.value for run in runs if not run.stopped)):
-        yield f"a run does not stop: {', '.join(lost)}"
+    if lost := [run.outcome.value for run in runs if not run.stopped]:
+        yield f"{len(lost)} of {len(runs)} runs do not stop: {', '.join(dict.fromkeys(lost))}"
 
 
 def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:

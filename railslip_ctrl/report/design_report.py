@@ -9,7 +9,9 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl import __version__
+from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.controllers.linear import LinearControl
+from railslip_ctrl.controllers.seeking import MOST_WEAK, WEAK, Seeking
 from railslip_ctrl.core.units import KMH, ms_down
 from railslip_ctrl.design.catalogue import is_published
 from railslip_ctrl.design.envelope_tuning import StructureChoice
@@ -19,7 +21,7 @@ from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import vehicle_warnings
 from railslip_ctrl.report.candidates import FASTER, NEARLY_UNSTABLE, NOT_RUN, SEEKING, TIE, Trial
 from railslip_ctrl.report.recommendation import DesignReport, Rival, longest
-from railslip_ctrl.report.stops import CHANGES, ERRORS, SLIDING, TEETH, Stop
+from railslip_ctrl.report.stops import CHANGES, ERRORS, SLIDING, TEETH, Stop, stopping_distance
 from railslip_ctrl.simulation.population import SPEED_NOISE
 
 from .document import (
@@ -57,8 +59,8 @@ MS_TO_WARN = 10.0
 """Worst Ms with tolerances above which the first page warns; a gain error of 10 % may then cause instability."""
 
 _RANKED = {
-    "distance": f"shortest mean stop (within {100 * TIE:g} %: smallest worst Ms, then least air)",
-    "robustness": f"smallest worst Ms (within {100 * TIE:g} %: shortest mean stop, then least air)",
+    "distance": f"shortest mean stop (within {100 * TIE:g} %: smallest Ms)",
+    "robustness": f"smallest Ms (within {100 * TIE:g} %: shortest mean stop)",
 }
 _PAPER = "railslip reproduce --out DIR shows the errata of [Park2008] and the units in which its numbers hold."
 _MOST_WORDS = 60  # largest number of words of headline, reasons, risks and actions, which can be read in a minute
@@ -118,9 +120,8 @@ def _design_text(report: DesignReport) -> str:
     held = report.control.reference if report.control.follows_reference else None
     if held is None:
         return report.control.headline()
-    return f"{report.control.headline()}; slip " + ", ".join(
-        f"{short(held.on(rail))} {rail}" for rail in report.envelope.rails
-    )
+    slips = [f"{short(held.on(rail))} {rail}" for rail in report.envelope.rails]
+    return f"{report.control.headline()}; slip {', '.join(slips)}"
 
 
 def _why(report: DesignReport) -> Iterator[str]:
@@ -162,25 +163,29 @@ def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
             helps = f"a brake with {remedy.description}: {kind} then qualifies, mean stop {mean}"
         yield "Remedy", f"{helps}. A smaller slip or a higher hand-over speed does not help."
     else:
-        of, more = f"{len(good)} of {len(report.trials)} candidates qualify", _not_run(report)
-        of += f", {more} not run in the harder stops" if more else ""
-        yield "Choice", f"{of}; {_RANKED[report.prefer]}: {_short(best)}."
+        of = f"{len(good)} of {len(report.trials)} candidates qualify"
+        yield "Choice", f"{of}; {_RANKED[report.prefer]}: {_short(best)}.{_needs_the_rail(report)}"
         if len(good) > 1:
             other = good[1]
-            cost = 100 * (other.distance() / best.distance() - 1)
-            yield "Runner-up", f"{_kind(other.choice)}{_share(other)}: {_short(other)}; distance {cost:+.0f} %."
+            cost = other.distance() / best.distance() - 1
+            tie = ", which counts as equal" if report.prefer == "distance" and abs(cost) <= TIE else ""
+            phrase = f"{_kind(other.choice)}{_share(other)}: {_short(other)}; distance {100 * cost:+.1f} %{tie}."
+            yield "Runner-up", minus(phrase)
         else:
             rest = "; ".join(f"{_kind(item.choice)} ({item.reason})" for item in report.trials[1:3])
             yield "Runner-up", f"no other candidate qualifies: {rest}."
     yield "Stops", _which(report, "")
 
 
-def _not_run(report: DesignReport) -> int:
-    return sum(trial.reason == NOT_RUN for trial in report.trials)
+def _needs_the_rail(report: DesignReport) -> str:
+    held = report.control.reference if report.control is not None and report.control.follows_reference else None
+    several = held is not None and len({held.on(rail) for rail in report.envelope.rails}) > 1
+    return " It must know whether the rail is dry or wet." if several else ""
 
 
 def _short(trial: Trial) -> str:
-    ms = "no margins" if trial.judgement is None else f"worst Ms {ms_text(trial.worst_ms)}"
+    tolerant = "" if trial.judgement is None or trial.judgement.nominal else " with tolerances"
+    ms = "no margins" if trial.judgement is None else f"Ms{tolerant} {ms_text(trial.worst_ms)}"
     start = used_from(trial)
     from_speed = f", usable from {short(start)} km/h" if start else ""
     return f"mean stop {_metres(trial)}, {ms}, air {trial.air:.2g} brake fillings{from_speed}"
@@ -234,7 +239,16 @@ def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
         over, used = short(report.control.controlled_from / KMH), report.above_kmh or 0.0
         if used > float(over):
             yield f"{over} to {used:g} km/h", f"slip controlled, but {_between(report, float(over), used)}."
-        yield f"Below {over} km/h", f"no slip control; holds {report.control.handed_over()}."
+        yield (
+            f"Below {over} km/h",
+            f"no slip control{_on_weak_rails(report.control)}; holds {report.control.handed_over()}.",
+        )
+
+
+def _on_weak_rails(control: Controller) -> str:
+    """Return the lower hand-over speed of the seeking controller on the weakest rails as text."""
+    least = control.hand_over_speed / MOST_WEAK if isinstance(control, Seeking) else 0.0
+    return f" (with mu below {WEAK / MOST_WEAK:.2g}: below {least / KMH:.2g} km/h)" if least else ""
 
 
 def _between(report: DesignReport, over: float, used: float) -> str:
@@ -264,14 +278,14 @@ def _risks(report: DesignReport) -> Iterator[str]:
         yield f"Below {short(least / KMH)} km/h a wheel locks in {len(below_use)} of {len(every)} stops."
     if not report.usable or report.nominal:
         return
-    slid = max((stop.max_slip for stop in report.harder_stops), default=0.0)
-    if not below_use and slid > SLIDING:
-        yield f"Slip reaches {above(slid)} in harder stops."
+    sliding = sum(stop.slides for stop in every)
+    if sliding and not below_use:
+        yield f"Slip exceeds {SLIDING:g} in {sliding} stop{'' if sliding == 1 else 's'}."
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
     seeks = report.control is not None and report.control.finds_slip
-    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not stop.own_slip))
+    slow = [str(stop.rail) for stop in report.longest_stops if not stop.reached and not stop.own_slip]
     over_kmh = 0.0 if report.control is None else report.control.controlled_from / KMH
     if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # rounding of m/s to km/h
         yield f"Use another protection below {report.above_kmh:g} km/h."
@@ -310,8 +324,11 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         yield from worst_rows(judged)
     for stop in report.longest_stops:
         here = [item for item in (*report.stops, *report.harder_stops) if item.rail is stop.rail]
-        locked = [item for item in here if item.locks]
-        locks = f"locks in {len(locked)} of {len(here)} stops" if locked else f"no lock in {len(here)} stops"
+        least = 0.0 if report.control is None else report.control.controlled_from
+        late, locked = sum(0 < item.locked_from <= least for item in here), sum(item.locks for item in here)
+        locks = f"locks in {locked} of {len(here)} stops" if locked else f"no lock in {len(here)} stops"
+        in_late = "" if late == locked else f"in {late} "
+        locks += f", {in_late}only below {short(least / KMH)} km/h" if late else ""
         yield (
             f"Stop, {stop.rail}, {report.envelope.initial_speed:g} to 5 km/h",
             _distance(stop),
@@ -321,10 +338,27 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         slipped = max((*report.stops, *report.harder_stops), key=lambda stop: stop.max_slip)
         hard = "" if not slipped.errors else f"rail {CHANGES}" if slipped.errors == CHANGES else "with errors"
         where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, hard)))
-        yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {_distance(slipped)}"
+        fastest = max(slipped.runs, key=lambda run: run.max_slip)
+        yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {short(stopping_distance(fastest))} m"
         best = report.trials[0]
-        phrase = f"{len(best.stops) + len(best.harder)} stops; nominal stops {short(best.distance_as_given())} m"
+        if wrong := [stop for stop in report.harder_stops if stop.errors and stop.errors != CHANGES]:
+            far = max(wrong, key=lambda stop: stop.distance)
+            yield (
+                "Longest stop with errors",
+                _distance(far),
+                f"{far.law}, {far.rail}, {far.load}{_over_same(report, far)}",
+            )
+        phrase = f"{len(best.stops) + len(best.harder)} stops; nominal {short(best.distance_as_given())} m"
         yield "Mean stop", _metres(best), phrase + _over_attainable(best)
+
+
+def _over_same(report: DesignReport, far: Stop) -> str:
+    """Return the excess of a stop with errors over the attainable stop without errors, as text."""
+    kind = far.law, far.rail, far.load
+    best = next((item.attainable for item in report.stops if (item.law, item.rail, item.load) == kind), None)
+    if best is None or not math.isfinite(far.distance / best.braking_distance):
+        return ""
+    return f": {100 * (far.distance / best.braking_distance - 1):.0f} % over the attainable"
 
 
 def _over_attainable(trial: Trial) -> str:
@@ -382,9 +416,10 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
         if report.stops:
             yield _stops_picture(report)
         return
+    loops = "of the sampled loop" if judged.as_it_runs else "the larger of continuous and sampled loop"
     yield Picture(
         "map",
-        "Worst Ms over speed and load, the larger of continuous and sampled loop; black: 8 or more."
+        f"Worst Ms over speed and load, {loops}; black: 8 or more."
         + (" Below the dashed line slip is not controlled." if _line_drawn(report) else ""),
         f"Worst Ms in cells over speed and load, at the operating points and with tolerances: {judged.verdict_line}",
     )
