@@ -89,7 +89,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("margins --adhesion nosuch.py --envelope default", "error: --adhesion: nosuch.py: no such file"),
     ("margins --adhesion table --envelope default", "error: --adhesion 'table': a table gives no parameters"),
     ("margins --initial-speed 200 --envelope default", "error: --initial-speed: 200 km/h is outside 30 to 140"),
-    ("margins --controller asmc", "error: --controller: asmc has no margins: it switches with the sign of s, and"),
+    ("margins --controller asmc", "error: --controller: asmc has no margins: the law switches with the sign of s"),
     ("margins --controller nope", "--controller: 'nope' is "),
     (f"{SAMPLED} --certify", "--certify: the loop of a discrete controller has no"),
     (f"{SAMPLED} --lead 0.6", "--lead has no effect with --controller"),
