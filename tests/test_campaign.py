@@ -277,7 +277,7 @@ def test_what_cannot_be_executed_or_summed_up_is_refused(finished, tmp_path):
         run_part(short(), Part(0, 1), "0.0.0")
     with pytest.raises(InputError, match=r"out: .*no results yet"):
         summarise(Store.open(short(), out))
-    with pytest.raises(InputError, match="another campaign"):
+    with pytest.raises(InputError, match="different campaign"):
         execute(replace(finished.campaign, seed=4), finished.folder)
     out.mkdir()
     manifest, content = out / MANIFEST, (finished.folder / MANIFEST).read_text()

@@ -680,7 +680,7 @@ def test_the_bound_with_the_brake_and_what_is_attainable(law, rail, bound, attai
 
 
 def test_without_a_largest_torque_nothing_is_attainable():
-    with pytest.raises(InputError, match="largest torque"):
+    with pytest.raises(InputError, match="torque_max"):
         attainable_stop(stop(PARK2008, "dry"))
 
 

@@ -149,7 +149,7 @@ def test_railtoolkit_file_alone_takes_four_axles_and_the_published_wheel_and_bra
     assert (vehicle.wheel, vehicle.actuator) == (PARK2008.wheel, PARK2008.actuator)
     notes = " ".join(vehicle.notes)
     # rotating mass is not counted twice: (1.08 - 1) * 17 000 kg * (0.43 m)^2 is told
-    for said in ("4 axles are assumed", "Published wheel", "Published actuator", "empty mass", "J = 251.5 kg*m^2"):
+    for said in ("4 axles are assumed", "of the wheel are", "of the actuator are", "empty mass", "J = 251.5 kg*m^2"):
         assert said in notes
     # running resistance: coefficients per mille of the weight, at 100 km/h and at half that speed
     resistance, per_mille = vehicle.resistance, 1e-3 * vehicle.mass * GRAVITY

@@ -46,7 +46,7 @@ _PICTURES = ("distributions", "scatter")  # PNG
     help="Folder for runs (Parquet), report and pictures; an unfinished campaign in this folder is continued.",
 )
 @option("--workers", "N", "Number of processes.", "one for each core", type=int)
-@option("--scheduler", "ADDRESS", "Dask scheduler whose workers run the campaign, tcp://HOST:PORT.", "none")
+@option("--scheduler", "ADDRESS", "Address tcp://HOST:PORT of the Dask scheduler that runs the campaign.", "none")
 @preset("--device", "cpu|gpu", "Run on the processor's cores, or on an NVIDIA GPU (extra gpu).", "cpu")
 @preset("--worst-by", "MEASURE", "Measure that ranks the worst runs.", "braking_distance_m")
 @option("--replay", "I", "Repeat run number I and write its time series (CSV, picture).", "none", to="number", type=int)

@@ -31,7 +31,7 @@ _LARGEST_PORT = 65_535
 @option(
     "--envelope",
     "default|FILE",
-    "Envelope for the design, as in `margins`; --rail, --adhesion, --speed, --slip and --loaded narrow it.",
+    "Envelope for the design, as in `margins`; --rail, --adhesion, --speed, --slip and --loaded change it.",
     "the vehicle's own or the default",
 )
 @gain_options("chosen by the page")

@@ -45,12 +45,12 @@ _MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's fi
 @preset(
     "--model",
     "|".join(("best", *MODELS)),
-    "Model to fit. best: fit all but bristle_rest and choose the formula with the lowest BIC that fits, or else table.",
+    "Model to fit. best: of all but bristle_rest, the formula with the lowest BIC that fits, or table if none fits.",
     "best",
 )
 @preset("--rail", "dry|wet", "Rail condition of the log.", "dry")
 @path_option("--vehicle", "FILE", "Vehicle file.", "the published vehicle")
-@switch("--loaded", "Use the vehicle's loaded wheel load.")
+@switch("--loaded", "Use the wheel load of the loaded vehicle.")
 @number_option("--initial-speed", "km/h", "Speed v0 at which the brake was applied, km/h.", "highest in the log", gt=0)
 @number_option(
     "--slip-acceleration",

@@ -148,8 +148,8 @@ class CaseOptions:
         """Return the envelope `given`, a file or "default"; values of other options replace those of the envelope."""
         if self.masses:
             raise InputError(
-                "--mass has no effect with an envelope, because a load of an envelope is a mass and a wheel load; give "
-                "--loaded, or both values in the vehicle's file"
+                "--mass has no effect with an envelope, because a load of an envelope has a mass and a wheel load; "
+                "give --loaded, or both values in the vehicle's file"
             )
         _ = self.chosen_vehicle  # prints the assumptions about the vehicle
         car = self.given_vehicle
@@ -274,7 +274,7 @@ class CaseOptions:
         if self.speeds and not self.speeds[0] * KMH > scenario.final_speed:
             final = f"{scenario.final_speed / KMH:g} km/h"
             raise InputError(
-                f"--speed: {self.speeds[0]:g} km/h is not allowed; give a value > {final}, at which the run ends"
+                f"--speed: {self.speeds[0]:g} km/h is not allowed, because the run ends at {final}; give a higher speed"
             )
 
     def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
@@ -366,14 +366,14 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
     )
     v0 = "Speed v0 at the start of braking, km/h, 30 to 140; the adhesion law depends on it."
     begin = ("Speed at which the brake is applied, km/h.", _SCENARIO)
-    speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; with an envelope its speeds")
+    speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; with an envelope: the envelope's")
     vehicle = "Vehicle file: .toml, or .yaml of railtoolkit; published adhesion is scaled with the wheel load."
     mass = f"Quarter-car mass M, kg; the wheel load does not change{'; repeatable' * masses}."
     scale = (
         "Factor on M, J and B, in runs also on the stiffness of a published dynamic law. 1: SI; 3.6: units as in the "
         "paper."
     )
-    unnamed = _SCENARIO if run else of_envelope or "bristle; with an envelope its laws"
+    unnamed = _SCENARIO if run else of_envelope or "bristle; with an envelope: the envelope's"
     late = "Actuator dead time, s; ignored by linearize."
     own = "the vehicle's"
     of_law = [

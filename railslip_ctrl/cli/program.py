@@ -29,7 +29,7 @@ _COMMANDS = {
     "campaign": "run a scenario many times with sampled or swept quantities, on all cores or a Dask cluster",
     "verify": "check whether the stability conditions of a sliding-mode law hold",
     "simulate": "simulate a braking run: numbers, time series, pictures",
-    "reproduce": "compare our results with those of Park et al., and show the units with which theirs are obtained",
+    "reproduce": "compare our results with those of Park et al., and show which units lead to the published numbers",
 }
 
 
@@ -121,7 +121,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
         _fail(str(error))
     except ArithmeticError as error:
         # numbers that are allowed one by one can overflow together, e.g. a wheel of 1e12 kg m^2 under 1 kg
-        _fail(f"the combination of numbers is outside the range of the computation ({error}); check their sizes")
+        _fail(f"the combination of numbers is outside the range of the computation ({error}); check all magnitudes")
     except click.Abort:
         raise KeyboardInterrupt from None
     except BrokenPipeError:

@@ -144,7 +144,7 @@ def _chosen(
         numbers = {"--gains": gains, "--kp": kp, "--ki": ki, "--slip": slip, "--period": period}
         for flag, given in (numbers | {"--unknown-rail": unknown_rail or None, "--adaptive": adaptive or None}).items():
             if given is not None:
-                raise InputError(f"{flag} is not allowed with a controller file; write its value into {controller}")
+                raise InputError(f"{flag} is not allowed with a controller file; write the value into {controller}")
         return options.controller_from_file(controller, vehicle, law.reference, law_speed), None
     name, own = options.controller_name(controller), options.chosen_gains(kp, ki)
     column = None if gains is None else next((label for label in COLUMNS if label == gains.lower()), None)

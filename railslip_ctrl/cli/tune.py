@@ -162,7 +162,7 @@ def _saved(
     runs = [loop_as_run(linearize(point), control, point.vehicle.actuator) for point in points]
     worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
     result = "is unstable" if math.isinf(worst) else f"has Ms {ms_up(worst)}"
-    progress(f"the worst loop, sampled every {control.period:g} s as the controller runs, {result}")
+    progress(f"the worst loop with the controller sampled every {control.period:g} s {result}")
 
 
 def _references(points: list[OperatingPoint]) -> ReferenceSlip:

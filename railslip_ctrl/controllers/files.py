@@ -207,7 +207,7 @@ def as_control(
 
 
 def _no_reference() -> InputError:
-    return InputError("controller: no reference slip in the controller or the adhesion law; give one to the controller")
+    return InputError("controller: neither the controller nor the adhesion law has a reference slip; set `reference`")
 
 
 def own_name(controller: Any) -> str | None:

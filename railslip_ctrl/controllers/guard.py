@@ -78,7 +78,7 @@ class Guard(Record):
 
     @classmethod
     def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
-        """Return the guard of a controller; `period` is the sampling period, s.
+        """Return the guard that checks the samples and commands of a controller; `period` is the sampling period, s.
 
         If the controller has no torque limit, the lower limit is 0 and the upper limit the vehicle's full brake torque.
         A lower limit above 0 becomes 0, because the guard must be able to release the brake.

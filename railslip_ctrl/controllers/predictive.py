@@ -316,7 +316,7 @@ def delay_of(x: Any, p: Any) -> Any:
 
 
 def torque_ago(x: Any, samples: float) -> Any:
-    """Return the value of torque_ahead, N*m, `samples` samples ago, interpolated; 0 before the first sample."""
+    """Return the modelled torque `torque_ahead` of the state, N*m, `samples` samples before now; at first 0."""
     k, ring, whole = int(x.samples), len(x.history), int(samples)
     share = samples - whole
     late = x.history[(k - whole) % ring] if k >= whole else 0.0

@@ -54,7 +54,7 @@ class GainSchedule:
     def __post_init__(self) -> None:
         check_fields(self)
         if not self.entries:
-            raise InputError("gain schedule: it has no entries; give at least one")
+            raise InputError("gain schedule: there are no entries; give at least one")
         seen = set()
         for entry in self.entries:
             number("gain schedule: speed", entry.speed_kmh, "km/h", gt=0)

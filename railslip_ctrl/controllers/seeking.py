@@ -111,7 +111,7 @@ class Seeking(Predictive):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Command of one sample, N*m: approach, return, hold the reference slip, or the torque after the hand-over."""
+        """Return the command of one sample, N*m, for the phase: approach, return, slip control or hand-over."""
         v, omega, applied = measurement.train_speed, measurement.wheel_speed, measurement.applied_torque
         if not math.isfinite(applied):
             return state.torque_ahead
@@ -253,7 +253,7 @@ def lift_limits(x: Any, p: Any, share: float) -> None:
 
 
 def come_back(x: Any, p: Any, noise: float) -> Any:
-    """Return the command that brings the slip below the peak in a reaction time, N*m."""
+    """Return the command, N*m, that brings the slip below the adhesion peak in dead time plus observer time."""
     reaction, goal = p.dead_time + p.observer_time, x.reference_slip * x.speed_ahead
     if x.slip_ahead > goal / SHORT + TWICE * noise:
         return quickly(x, p, x.holding_torque - p.wheel_inertia / p.radius / reaction * (x.sigma_ahead - goal))
@@ -263,10 +263,10 @@ def come_back(x: Any, p: Any, noise: float) -> Any:
 
 
 def limited(x: Any, p: Any, torque: float, reference: float) -> Any:
-    """Raise the command while the slip is below the reference, and limit it after a return.
+    """Raise the command while the slip is below the reference; limit it after the slip was brought back below the peak.
 
-    The sliding-mode law needs seconds to raise the slip on a steep curve. A torque below the highest adhesion cannot
-    run past the peak.
+    The sliding-mode law needs seconds to raise the slip on a steep curve. A torque below the highest adhesion torque
+    cannot push the slip beyond the peak.
     """
     x.waiting = max(x.waiting - p.period, 0.0)
     ratio, slip = p.wheel_inertia / p.radius, x.filtered_sigma / x.filtered_speed

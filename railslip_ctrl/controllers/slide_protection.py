@@ -34,7 +34,7 @@ class SlideProtection(Controller):
     kind: ClassVar[str] = "slide-protection"
     title: ClassVar[str] = "rule-based slide protection: dump, hold or fill"
     source: ClassVar[str] = "[Park2008] Fig. 3"
-    no_loop: ClassVar[str] = "its valve has three positions, and it is not linear"
+    no_loop: ClassVar[str] = "a valve with three positions is not linear"
     follows_reference: ClassVar[bool] = False
     by_rule: ClassVar[bool] = True
 

@@ -52,7 +52,7 @@ class Sliding(Controller):
     kind: ClassVar[str] = "asmc"
     title: ClassVar[str] = "published adaptive sliding-mode law"
     source: ClassVar[str] = "[Park2008] (45), (49)"
-    no_loop: ClassVar[str] = "it switches with the sign of s, and it is not linear"
+    no_loop: ClassVar[str] = "the law switches with the sign of s, so it is not linear"
 
     K: float = quantity("N*m", "gain on sgn s", ge=0)
     D: float = quantity("N*m/(m/s)", "gain on s", gt=0)

@@ -241,7 +241,7 @@ def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.
     mine = [part for each in parts if _is_loop(each, target.id) for part in ast.walk(each)]
     stores = [part for part in ast.walk(loop) if part in uses and isinstance(part.ctx, ast.Store)]
     if len(stores) > 1 or any(part not in mine for part in uses):
-        yield loop, f"{target.id} is used outside its loop or changed in it; use another name there"
+        yield loop, f"{target.id} is used outside its loop or changed inside; use a second variable"
 
 
 def _is_loop(node: ast.AST, name: str) -> bool:

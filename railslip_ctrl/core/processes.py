@@ -56,8 +56,8 @@ def processes(count: int) -> Iterator[Submit]:
         started = [process for process in context.made if process.pid is not None]
         if any(process.exitcode == _IMPORTING for process in started):
             raise InputError(
-                "the script starts processes while it is imported, and each process imports it again; put the call "
-                'under if __name__ == "__main__":'
+                "worker processes import the script, so the script must not start processes during the import; put the "
+                'call of the package under if __name__ == "__main__":'
             ) from None
         for process in started:
             process.terminate()

@@ -14,7 +14,7 @@ The envelope is a table of the vehicle's TOML file, or of a file of its own. Eve
     torque_gain = [1.0]                   # acting torque over commanded torque
     speed_scale = [1.0]                   # measured train speed over true train speed
     believed_radius = [1.0]               # radius assumed by the controller over true radius
-    reference = { dry = 0.132, wet = 0.092 }    # by default the reference slips of each law
+    reference = { dry = 0.132, wet = 0.092 }    # an example; default: the reference slips of each law
     initial_speed = 100                   # km/h, at most 140; v0 in the parameters of the published laws
 """
 
@@ -496,8 +496,8 @@ def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
     if slip is not None and slip * max(envelope.slip) >= 1:
         of = "" if given is not None else f" of {law.name}"
         raise InputError(
-            f"slip: {max(envelope.slip):g} times the reference slip{of} on {rail} rail, {slip:.4g}, is at least 1 "
-            f"(locked wheel); give factors < {1 / slip:.4g}, or a smaller reference slip"
+            f"slip: a factor of {max(envelope.slip):g} on the reference slip {slip:.4g}{of}, {rail} rail, gives a slip "
+            f"of at least 1 (locked wheel); give factors < {1 / slip:.4g}, or a smaller reference slip"
         )
     if slip is None:
         raise InputError(

@@ -61,8 +61,8 @@ class Design:
         """
         if self.controller.reference is None and self.controller.follows_reference:
             raise InputError(
-                "controller: the adhesion laws of the envelope have different reference slips; give the envelope a "
-                "reference"
+                "controller: the adhesion laws of the envelope have different reference slips; give the envelope "
+                "reference slips"
             )
         self.controller.model_copy(update={"name": Path(path).stem}).save(path)
 
@@ -85,7 +85,7 @@ def by_rule(
     judgement = judge(envelope, control, nominal)
     used = judgement.points.operating & (judgement.points.speed_kmh >= judgement.hand_over_kmh)
     worst = float(judgement.run_ms[used].max(initial=0.0))
-    reason = "" if worst <= ms_max else f"the kind's rule sets the gains, and Ms is {worst:.4g}, not <= {ms_max:g}"
+    reason = "" if worst <= ms_max else f"with the gains of the rule Ms is {worst:.4g}, not <= {ms_max:g}"
     return Design(control, judgement, reason)
 
 
@@ -546,7 +546,7 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
 
 @dataclass(frozen=True)
 class _Result:
-    """Gain for an integral time, s: the loops are stable from `speed`, km/h, up, and their worst Ms is `ms`."""
+    """Gain for an integral time (s), with the lowest speed (km/h) of stable loops and the worst Ms from there up."""
 
     integral_time: float
     speed: float

@@ -306,8 +306,9 @@ class Judgement:
         slips = [one.slip for one, factor in zip(points, self.points.slip_factors, strict=True) if factor == 1]
         past = sum(one.slip > peak(one.law, one.speed, one.vehicle.wheel_load).slip for one in points)
         return (
-            f"judged at the slip that the controller finds, {min(slips):.3g} to {max(slips):.3g} by rail and speed, "
-            f"and at this slip times the factors; {100 * past / len(points):.0f} % of these slips are past the peak",
+            f"judged at the slip that the controller finds, {min(slips):.3g} to {max(slips):.3g} depending on rail "
+            f"and speed, and at this slip times the factors; {100 * past / len(points):.0f} % of these slips are past "
+            "the peak",
         )
 
     def table(self) -> dict[str, Any]:
@@ -343,7 +344,7 @@ class Judgement:
         return (
             f"{hand_over}, in use {self._decided(self._in_use)}"
             if self._in_use.any()
-            else f"{hand_over}, above every speed judged"
+            else f"{hand_over}, which is above every judged speed"
         )
 
     def _decided(self, cases: Flags) -> str:

@@ -154,7 +154,7 @@ def lowest_stabilisable_speed(
 
 def _lowest(holds: Callable[[float], bool], low: float, high: float, message: str) -> float:
     if not holds(high):
-        raise InfeasibleDesignError(f"{message} at {high:g} km/h; lower the upper speed or change the design")
+        raise InfeasibleDesignError(f"{message} at {high:g} km/h; reduce the highest speed or change the design")
     grid = np.geomspace(high, low, 60)
     failing = next((i for i, speed in enumerate(grid) if not holds(float(speed))), None)
     if failing is None:

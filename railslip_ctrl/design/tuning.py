@@ -123,8 +123,8 @@ def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margi
     required = f"crossover {crossover:g} rad/s with phase margin {phase_margin_deg:g} deg"
     if ki < 0:
         raise InfeasibleDesignError(
-            f"{required} needs ki = {ki:.4g} < 0, because the plant's phase there is too low; choose a smaller phase "
-            "margin or another crossover, or add a lead"
+            f"{required} needs ki = {ki:.4g} < 0, because the plant's phase is too low at this frequency; choose a "
+            "smaller phase margin or another crossover, or add a lead"
         )
     loop = DeadTimeLoop(pi_transfer_function(kp, ki) * system, dead_time)
     if not loop.is_stable():
@@ -135,8 +135,8 @@ def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margi
     smallest = loop.margins().phase_deg
     if smallest < phase_margin_deg * (1 - 1e-9):
         raise InfeasibleDesignError(
-            f"{required} is met, but the phase margin at another gain crossover is {smallest:.4g} deg; choose another "
-            "crossover"
+            f"{required} is met, but at a second gain crossover of the loop the phase margin is {smallest:.4g} deg; "
+            "give a different crossover"
         )
     return kp, ki
 
@@ -158,7 +158,7 @@ def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:
     count = len(plants) if isinstance(plants, (list, tuple)) else 1
     values: list[float] = np.atleast_1d(numbers("dead_time", dead_time, "s", ge=0)).tolist()
     if len(values) not in (1, count):
-        raise InputError(f"dead_time: {len(values)} values for {count} plants; give one, or one for each")
+        raise InputError(f"dead_time: {len(values)} values for {count} plants; give one value, or one for each plant")
     return values * count if len(values) == 1 else values
 
 
@@ -532,7 +532,7 @@ def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, der
     """
     model = first_order_model(plant, dead_time)
     if model.kind is not Kind.UNSTABLE:
-        raise InputError(f"Rotstein-Lewin: the plant is {model.kind.value}; the rule needs unstable ones; use simc_pi")
+        raise InputError(f"Rotstein-Lewin: the plant is {model.kind.value}; the rule is for unstable ones; use simc_pi")
     lam, k, t, half = closed_loop_time, model.gain, model.time_constant, model.dead_time / 2 if derivative else 0.0
     number("closed-loop time", lam, "s", gt=0)
     most = (2 if derivative else 1) * t

@@ -27,10 +27,10 @@ class Workbench:
     """Envelope and controllers from which a design by hand begins.
 
     - envelope: operating points and tolerances of the design.
-    - controller: first controller of its kind; a rule computes the first controllers of all other kinds.
+    - controller: controller from which the design begins; a rule computes the controllers of the other kinds.
 
-    InputError if the envelope has no operating points, if the reference slips of its adhesion laws differ and none are
-    given, or if the controller has no named parameters.
+    InputError if the envelope has no operating points, if neither `envelope` nor `controller` gives a reference slip
+    and those of the adhesion laws differ, or if the controller has no named parameters.
     """
 
     def __init__(self, envelope: Envelope, controller: Any = None) -> None:
@@ -50,13 +50,13 @@ class Workbench:
         slips = own or common_reference(self.envelope, self.envelope.points(nominal=True))
         if slips is None:
             raise InputError(
-                "envelope: its adhesion laws have different reference slips; give the envelope a reference, or --slip"
+                "envelope: the adhesion laws have different reference slips; give the envelope a reference, or --slip"
             )
         return slips
 
     @cached_property
     def kinds(self) -> dict[str, Controller]:
-        """First controller of each kind whose parameters the user can change, by the name of the kind."""
+        """Controllers from which a design can begin, one of each kind, by the name of the kind."""
         linear = [name for name, kind in structures().items() if issubclass(kind, PI)]
         points = self.envelope.at(reference=self.reference).points(nominal=True)
         controllers: dict[str, Controller] = {}

@@ -629,7 +629,7 @@ def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
 
 
 def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
-    """Upper bounds on |S|, |T| and |S - 1/2| on each interval, (3, N - 1); `spans` is from `ranges`."""
+    """Upper bounds on |S|, |T| and |S - 1/2| between neighbouring points, (3, N - 1); `ranges` returns `spans`."""
     return np.where(points.row[:-1] == points.row[1:], box_bounds(spans[0], spans[1] / np.pi), 0.0)
 
 

@@ -530,7 +530,7 @@ class _Delayed:
         return int(count), parts
 
     def _end(self) -> arb:
-        """Frequency, rad/s, above which the highest power of s in D proves the statements in `certify_delayed`."""
+        """Frequency, rad/s, above which the statements in `certify_delayed` hold: the highest power of s dominates."""
         end = arb(1)
         while True:
             lead = abs(self._lead) * end ** (self._order + self._den.removed)

@@ -551,7 +551,7 @@ def frequency_nodes(response: Response) -> Floats:
 def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = SMALLEST_LISTED) -> list[float]:
     """List phase crossovers (arg L = pi modulo 2 pi), rad/s: the first 20, and all others with |L| >= `smallest`.
 
-    `cut` are the `pieces` of the loop.
+    `cut` are the intervals that `pieces` returns for the loop.
     """
     least, found = math.log(smallest), list[float]()
     for low, high, sizes, turns in cut:

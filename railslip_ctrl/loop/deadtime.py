@@ -173,7 +173,7 @@ class Loop(ABC):
     @property
     @abstractmethod
     def root_count(self) -> RootCount:
-        """Number of unstable closed-loop poles; `marginal` is true if poles are on the stability boundary."""
+        """Number of unstable closed-loop poles, and whether poles are on the stability boundary."""
 
     @property
     @abstractmethod

@@ -55,7 +55,7 @@ class Axis:
 
     @property
     def turning(self) -> fmpq_poly:
-        """Phase slope d(arg F)/d omega times |F|^2, as a polynomial in x."""
+        """Phase slope d(arg F)/d omega times |F|^2, as a polynomial in x = omega^2."""
         twice = fmpq_poly([0, 2])
         return (self.odd + twice * self.odd.derivative()) * self.even - twice * self.odd * self.even.derivative()
 

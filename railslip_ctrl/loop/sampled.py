@@ -149,7 +149,7 @@ class SampledLoop(BoundedLoop):
         if self.dead_time > MOST_PERIODS * self.period:
             raise InputError(
                 f"period: {self.period:g} s is not allowed with {self.dead_time:g} s of dead time; give a value >= "
-                f"{self.dead_time / MOST_PERIODS:.3g} (s), or use the continuous equivalent"
+                f"{self.dead_time / MOST_PERIODS:.3g} (s), or use the continuous loop"
             )
         held, k = self.held_plant, realise(self.controller)
         n, chain = held.c.size, held.chain

@@ -41,7 +41,7 @@ class RootCount:
 
     @property
     def stable(self) -> bool:
-        """True if no closed-loop pole lies on the line or right of it (sampled loop: on or outside the unit circle)."""
+        """True if all closed-loop poles are left of the axis or line (sampled loop: inside the unit circle)."""
         return self.right == 0 and not self.marginal
 
 

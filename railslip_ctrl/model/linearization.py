@@ -137,7 +137,7 @@ def operating_point(
     if not residual <= _LARGEST_RESIDUAL:
         raise DomainError(
             f"operating point at slip {slip:g}, {speed / KMH:g} km/h: the steady_state of adhesion {law.name!r} is not "
-            f"steady (residual {residual:.1e}, at most {_LARGEST_RESIDUAL:.0e}); correct it: state_rate must be 0 there"
+            f"steady (residual {residual:.1e}, at most {_LARGEST_RESIDUAL:.0e}); correct it so that state_rate is 0"
         )
     state = z if law.has_state else None
     return OperatingPoint(

@@ -115,8 +115,8 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
     if stock is not None and stock.rotation_mass is not None:
         implied = (stock.rotation_mass - 1.0) * mass * wheel.radius * wheel.radius
         notes.append(
-            f"rotation_mass = {stock.rotation_mass:g} is not applied to M, because the wheel has its own inertia; it "
-            f"implies J = {implied:.4g} kg*m^2 per axle, but {wheel.inertia:.4g} kg*m^2 is used."
+            f"rotation_mass = {stock.rotation_mass:g} is not applied to M, because the wheel has its own inertia; this "
+            f"factor implies J = {implied:.4g} kg*m^2 per axle, but {wheel.inertia:.4g} kg*m^2 is used."
         )
     limit = None if stock is None or stock.speed_limit is None else stock.speed_limit * KMH
     values = {
@@ -177,7 +177,7 @@ def _or_published(table: str, keys: Record, published: Record, notes: list[str])
     units = type(published).units()
     lacking = [f"{name} = {values[name]:g} {units[name]}" for name in values if name not in given]
     if lacking:
-        notes.append(f"Published {table} ([Park2008] Tables 1 and 2, p. 55) for missing values: {', '.join(lacking)}.")
+        notes.append(f"Missing values of the {table} are from [Park2008], Tables 1 and 2, p. 55: {', '.join(lacking)}.")
     return {**values, **given}
 
 

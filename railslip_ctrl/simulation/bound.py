@@ -144,8 +144,8 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
     limits = scenario.limits
     if limits.torque_max is None or limits.rate is not None or scenario.events:
         raise InputError(
-            "scenario: the attainable stop cannot be computed without a largest torque, or with a rate limit or "
-            "events; change the scenario"
+            "scenario: the attainable stop needs a brake with torque_max and without a rate limit, and a scenario "
+            "without events; change the scenario"
         )
     path = _Path(scenario)
     latest = path.latest

@@ -133,7 +133,7 @@ def lag(torque, delayed, a):
 
 @compiled
 def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
-    """Write the time derivatives of the states and works into `rate`; sigma stays equal to v while `locked`."""
+    """Write the rates of states and works (energies, J) into `rate`; sigma stays equal to v while `locked`."""
     p[P_VISCOUS] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     torque = y[TORQUE]
     td = disturbance(t, torque, a)
@@ -258,7 +258,7 @@ def account(y, new, h, k, reference, scenario_reference, a, t, summary):
 
 @compiled
 def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, measured, a):
-    """Write one row of the log: states and works, then the columns `TIME` to `MEASURED_OMEGA`, then x."""
+    """Write one row of the log: states, energies (works, J), the columns `TIME` to `MEASURED_OMEGA`, and then `x`."""
     td = disturbance(t, y[TORQUE], a)
     for i in range(STATES):
         row[i] = y[i]

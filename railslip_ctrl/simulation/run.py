@@ -185,7 +185,7 @@ class Run:
         error, references = "", self._references()
         if references:
             reference = f"the reference {' and '.join(dict.fromkeys(f'{slip:g}' for slip in references))}"
-            average = f"; mean deviation from {reference}: {self.mean_abs_slip_error:.3g}"
+            average = f"; mean deviation {self.mean_abs_slip_error:.3g} from {reference}"
             error = average if self.reached else f"; never at {reference}"
         if not math.isnan(self.first_lock):
             lock = f"locked {100 * self.locked_fraction:.2g} % of the time, first at {self.first_lock:.3g} s"
@@ -443,7 +443,11 @@ class _Laws:
         return joined
 
     def limits(self) -> Floats:
-        """Return a row for each law: the top speed, m/s, then the largest slip velocity, m/s, on a grid of speeds."""
+        """Return the domains of the laws, m/s, a row for each law.
+
+        The first number is the highest speed of a grid from 0. Then follows, for each speed of the grid, the largest
+        slip velocity at which the law is defined.
+        """
         speeds = np.linspace(0.0, self._top_speed, _DOMAIN_INTERVALS + 1)
         speeds[0] = 1e-9 * self._top_speed
         rows = [

@@ -42,7 +42,7 @@ class Event(Record):
         if (self.time is None) == (self.distance is None):
             raise InputError("event: time and distance are both given or both missing; give exactly one of them")
         if self.rail is None and self.adhesion_factor is None and self.mass is None:
-            raise InputError("event: it has no change; give rail, adhesion_factor or mass")
+            raise InputError("event: no change is given; give rail, adhesion_factor or mass")
         return self
 
 
@@ -190,8 +190,8 @@ class Scenario(Record):
         both_kinds = len({event.time is None for event in of_adhesion}) > 1
         if both_kinds and any(event.rail is None or event.adhesion_factor is None for event in of_adhesion):
             raise InputError(
-                "events: some change the adhesion at a time, others at a distance, and their order is not known; give "
-                "both rail and adhesion_factor in each of these events, so that the last one alone sets the adhesion"
+                "events: some change the adhesion at a time, others at a distance, so that their order is not known; "
+                "give both rail and adhesion_factor in each of these events, so that each sets the adhesion completely"
             )
         return self
 

@@ -55,7 +55,7 @@ def verify(
     """
     if law == "predictive":
         if D is not None:
-            raise InputError(f"D: {D:g} is not allowed; the predictive law has no D, leave it out")
+            raise InputError(f"D: {D:g} is not allowed; the predictive law has no D; leave D out")
         _check_ranges(vehicle, K, None, seed)
         return verify_predictive(vehicle, adhesion, K=K, seed=seed)
     # the conditions of these laws use the published bristle model only

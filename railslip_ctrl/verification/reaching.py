@@ -171,7 +171,7 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
 
 @cache
 def derived(arguments: str, which: str) -> Callable[..., Any]:
-    """Return the field `which` of `Derivation` as a function of the symbols named in `arguments`: arrays, SI."""
+    """Return the field `which` of `Derivation` as a function in SI units of the symbols named in `arguments`."""
     symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
     expression = getattr(derive(), which)
     if which == "adaptive_law_control":  # `switch` stands for sgn s

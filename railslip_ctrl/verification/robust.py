@@ -319,7 +319,7 @@ def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, layer: dict[str, Any]
 
 
 def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
-    """Return the largest (J/r)|d|, N*m, of s' = theta_tilde' phi + h (d - D0 s - K0 sat) with the published Td."""
+    """Return the largest effective disturbance (J/r)|d|, N*m, of a run with the published disturbance torque."""
     switched = np.clip(run.s / gains.layer, -1.0, 1.0) if gains.layer > 0 else np.sign(run.s)
     q = reaching.torque_share(run.time)[:, None]
     return float(np.nanmax(np.abs((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))))

@@ -251,7 +251,7 @@ def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
     if not low * (1 - _ROUNDING) <= speed <= high * (1 + _ROUNDING):
         raise InputError(
             f"{where}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g} km/h, the range in "
-            "which the polynomials of the law are valid; give a speed inside"
+            "which the polynomials of the law are valid; give a speed in this range"
         )
     return speed
 

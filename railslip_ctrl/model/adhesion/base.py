@@ -208,7 +208,7 @@ class AdhesionLaw(Record):
     def check_domain(self, v: float, sigma: ArrayLike) -> None:
         """Raise DomainError for a speed v, m/s, or a slip velocity sigma, m/s, any shape, outside the law's domain."""
         if not (math.isfinite(real("speed", v)) and v > 0.0):
-            raise DomainError(f"speed: {v:g} m/s is not allowed, slip is defined for v > 0; give a finite speed > 0")
+            raise DomainError(f"speed: {v:g} m/s is not allowed; give a finite speed > 0, for which slip is defined")
         slip = np.atleast_1d(reals("slip velocity", sigma)) / v
         outside = ~((slip >= 0.0) & (slip <= 1.0))
         if outside.any():

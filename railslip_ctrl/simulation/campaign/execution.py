@@ -204,7 +204,7 @@ class Store:
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
-                f"{where} has the results of another campaign; choose another folder, or give that campaign"
+                f"{where} has the results of a different campaign; choose another folder, or give that campaign"
             )
         return cls(campaign, folder, size)
 

@@ -322,9 +322,9 @@ class _Study:
         finite = [row[np.isfinite(row)] for row in rows]
         if not any(row.size for row in finite):
             raise InputError(
-                f"{self.event.measure}: no stop reached the final speed within longest_time "
-                f"{self.stops.campaign.scenario.longest_time:g} s with allowed values of the varied quantities; give a "
-                "longer time, or narrower distributions"
+                f"{self.event.measure}: no stop gave a value; each took more than longest_time "
+                f"{self.stops.campaign.scenario.longest_time:g} s, or one of its quantities had a forbidden value; "
+                "give a longer time, or narrower distributions"
             )
         x = np.unique(np.concatenate([np.quantile(row, np.linspace(0.005, 0.995, 100)) for row in finite if row.size]))
         first = np.sort(rows[0])[::-1]
@@ -398,8 +398,8 @@ def rare_event(
             between = subset.apart(stops, kept, threshold, stream(campaign.seed, _STREAM, len(_KINDS)))
             if between > _MOST_APART:
                 warnings.append(
-                    f"the event may have several regions: for {100 * between:.0f} % of the pairs of stops with it "
-                    "the stop midway is without it; the probability lacks the regions that no repeat has found"
+                    f"the event may have several regions: for {100 * between:.0f} % of the pairs of stops with the "
+                    "event the stop midway does not have it; the probability lacks the regions that no repeat found"
                 )
             values = np.array([one.value for one in study.done("importance", repeats, centre, points)])
             importance = subset.pooled(values)

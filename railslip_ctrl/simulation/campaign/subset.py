@@ -177,9 +177,9 @@ def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
 
 
 def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
-    """Return the point nearest to 0 with the event, in the direction of the first candidate that has such a point.
+    """Return the point nearest to 0 at which the event occurs, on a ray from 0 through one of the `candidates`.
 
-    If no direction has a point with the event, the last candidate is returned.
+    The first candidate whose ray has a point with the event is used; if there is none, the last candidate is returned.
     """
     for way in candidates:
         low, high = 0.0, _FARTHEST
