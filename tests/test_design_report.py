@@ -245,7 +245,7 @@ def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(veh
 
     def held(law, speed, load):
         if seeks:
-            return found.control.held_slip(law, speed, load)
+            return found.control.judged_slip(law, speed, load)
         return law.reference_slip(law.rail) if envelope.reference is None else getattr(envelope.reference, law.rail)
 
     ranges = [getattr(envelope, name) for name in ("slip", "dead_time", "lag", "radius")]

@@ -562,7 +562,7 @@ def test_the_slip_that_it_is_judged_at(law, rail):
     past beam's flat wet peak they do farther: there they have all but 4 % of it. Where adhesion falls from the start,
     the largest reference."""
     adhesion, load, v = published_law(law, rail), PARK2008.wheel_load, 50 / 3.6
-    held = CONTROL.held_slip(adhesion, v, load)
+    held = CONTROL.judged_slip(adhesion, v, load)
     top = peak(adhesion, v, load)
     if law == "bristle":
         assert held == 0.11
@@ -585,7 +585,7 @@ def test_the_slip_that_it_is_judged_at_fades_as_that_of_a_sample(p):
     law = published_law("bristle", "dry")
     for speed in (3.0, 5.0, 7.0, 9.0):
         share = step.fading(p, max(speed, CONTROL.hand_over_speed))  # a sample has no reference below
-        assert CONTROL.held_slip(law, speed, PARK2008.wheel_load) == pytest.approx(0.11 * share, rel=1e-12)
+        assert CONTROL.judged_slip(law, speed, PARK2008.wheel_load) == pytest.approx(0.11 * share, rel=1e-12)
 
 
 def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
@@ -593,7 +593,7 @@ def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
     found = judge(envelope, CONTROL)
     assert (found.verdict, found.stable.all(), len(found.points)) == ("robust", True, 28)
     case = found.worst.case
-    assert case.point.slip == CONTROL.held_slip(case.point.law, case.point.speed, case.point.vehicle.wheel_load)
+    assert case.point.slip == CONTROL.judged_slip(case.point.law, case.point.speed, case.point.vehicle.wheel_load)
     dense = np.abs(1 / (1 + CONTROL.loop(case.point)(1j * np.geomspace(0.1, 100, 20_000)))).max()
     assert found.worst.ms == pytest.approx(dense, rel=1e-5)  # of the grid
     assert wheel_slip_loop(case.point, CONTROL).margins().ms == found.worst.ms

@@ -122,7 +122,7 @@ class Controller(Record):
     by_rule: ClassVar[bool] = False
     """Whether `for_vehicle` computes all parameters from the vehicle; `--controller` then accepts the kind's name."""
     finds_slip: ClassVar[bool] = False
-    """Whether the controller searches for its reference slip during the run; `held_slip` returns the expected slip."""
+    """Whether the controller searches for its reference slip in a run; `judged_slip` returns the expected slip."""
 
     class State(Record):
         """State of a controller; a controller without memory has no fields here."""
@@ -270,7 +270,7 @@ class Controller(Record):
         """Exact loop at an operating point with an `actuator`; None if the caller must compute it from `linear`."""
         return None
 
-    def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float | None:
+    def judged_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float | None:
         """Slip ratio that the controller holds on an adhesion `law` at a train `speed`, m/s, and a `wheel_load`, N.
 
         Stability and margins are computed at this slip ratio or, if the method returns None, at the reference slip.
@@ -278,7 +278,7 @@ class Controller(Record):
         return None
 
     def slip_numbers(self) -> tuple[Any, ...]:
-        """Parameters that determine the results of `held_slip` and `speeds_to_judge`, as a key for a cache."""
+        """Parameters that determine the results of `judged_slip` and `speeds_to_judge`, as a key for a cache."""
         return (self.model_dump_json(),)
 
     def speeds_to_judge(self) -> tuple[float, ...]:

@@ -149,7 +149,7 @@ class Seeking(Predictive):
     def headline(self) -> str:
         return f"seeking: finds the adhesion peak, slip up to {self.largest_slip:.3g}"
 
-    def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float:
+    def judged_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float:
         """Return the slip ratio where the loop is judged on a rail of constant adhesion; speed, m/s, wheel load, N.
 
         It is the smallest slip at which adhesion is at most 0.56 % below its peak, but at most `largest_slip`. If

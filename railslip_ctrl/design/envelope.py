@@ -48,7 +48,7 @@ from railslip_ctrl.model.vehicle_files import load_vehicle, with_laws_beside
 
 Load = Literal["empty", "loaded"]
 Law = str | Path | InstanceOf[AdhesionLaw]
-HeldSlip = Callable[[AdhesionLaw, float, float], float]
+SlipFunction = Callable[[AdhesionLaw, float, float], float]
 """Function of adhesion law, train speed (m/s) and wheel load (N) that returns the slip ratio to hold."""
 
 ERRORS = ("torque_gain", "speed_scale", "believed_radius")
@@ -200,16 +200,17 @@ class Envelope(Record):
             "initial_speed": self.initial_speed,
         }
 
-    def points(self, *, nominal: bool = False, held: HeldSlip | None = None) -> EnvelopePoints:
+    def points(self, *, nominal: bool = False, slip_of: SlipFunction | None = None) -> EnvelopePoints:
         """Return all cases, ordered by rail, law, load, speed, radius, slip, errors, dead time and lag.
 
         - nominal: if true, only the operating points, without tolerances.
-        - held: function that computes the slip ratio of an operating point, in place of the reference slip.
+        - slip_of: function of adhesion law, speed (m/s) and wheel load (N) that returns the slip ratio of an operating
+          point; by default the reference slip is used.
 
         A case without linear plant (outside the law's domain, or at a kink) is skipped, and the reason is recorded.
         InputError if no case remains, a law cannot be read, or no reference slip is known.
         """
-        return _points(self, nominal, held)
+        return _points(self, nominal, slip_of)
 
     def knife_edges(self) -> tuple[str, ...]:
         """Return a warning for each law and rail whose reference slip is within 5 % of an adhesion peak."""
@@ -393,7 +394,7 @@ class EnvelopePoints:
         )
 
 
-def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> EnvelopePoints:
+def _points(envelope: Envelope, nominal: bool, slip_of: SlipFunction | None) -> EnvelopePoints:
     car = envelope.vehicle
     # if the given list lacks the factor 1, that factor is used for the operating points alone
     lags, dead_times, radii, slips = (
@@ -414,9 +415,9 @@ def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> Envelop
     skipped = []
     for (rail, law, load, loaded), speed, radius, slip, wrong in members:
         try:
-            own = _reference(envelope, law, rail) if held is None else held(law, speed * KMH, loaded.wheel_load)
+            own = _reference(envelope, law, rail) if slip_of is None else slip_of(law, speed * KMH, loaded.wheel_load)
             gain, scale, belief = wrong
-            known = held is not None or scale == belief
+            known = slip_of is not None or scale == belief
             true = slip * own if known else 1 - (1 - slip * own) * scale / belief
             plant = _plant(envelope, law, _worn(loaded, radius), speed, true, rail, gain * belief)
         except (DomainError, KinkError) as error:

@@ -437,7 +437,7 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
         design = linear_controller(controller)
         if isinstance(design, PIController) or design.period is None:
             controller = SampledController(design, run_period(design))
-    points = envelope.points(nominal=nominal, held=controller.held_slip if finds_slip(controller) else None)
+    points = envelope.points(nominal=nominal, slip_of=controller.judged_slip if finds_slip(controller) else None)
     return judge_points(envelope, controller, points, nominal=nominal)
 
 

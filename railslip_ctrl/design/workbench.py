@@ -15,7 +15,7 @@ from railslip_ctrl.core.units import shown
 from railslip_ctrl.model.adhesion import ReferenceSlip
 
 from .catalogue import BY_RULE, begun
-from .envelope import Envelope, EnvelopePoints, HeldSlip
+from .envelope import Envelope, EnvelopePoints, SlipFunction
 from .envelope_tuning import common_reference, operating_plants
 from .gain_map import Screen, fastest
 from .judging import envelope_for
@@ -86,12 +86,12 @@ class Workbench:
 
     def points(self, control: Controller, *, nominal: bool = True) -> tuple[Envelope, EnvelopePoints]:
         """Return the envelope for a controller, and the points of this envelope, with tolerances unless `nominal`."""
-        slip_of = cast(HeldSlip, control.held_slip) if control.finds_slip else None
+        slip_of = cast(SlipFunction, control.judged_slip) if control.finds_slip else None
         own = (control.kind, control.slip_numbers()) if slip_of else getattr(control, "reference", None)
 
         def made() -> tuple[Envelope, EnvelopePoints]:
             envelope = envelope_for(self.envelope, control)
-            return envelope, envelope.points(nominal=nominal, held=slip_of)
+            return envelope, envelope.points(nominal=nominal, slip_of=slip_of)
 
         cases: tuple[Envelope, EnvelopePoints] = self._cached((own, nominal), made)
         return cases

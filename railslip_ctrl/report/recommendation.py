@@ -490,7 +490,7 @@ def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[Unjudge
         most = 0.0
         for slip in slips:
             envelope = judged.envelope.at(rails=(rail,), **({} if known else {"laws": (law,)}))
-            there = envelope.points(nominal=True, held=lambda *of, slip=slip: slip)
+            there = envelope.points(nominal=True, slip_of=lambda *of, slip=slip: slip)
             result = judge_points(envelope, judged.controller, there, nominal=True)
             mine = [result.points.plants[i].point.law.name == law for i in result.points.plant.tolist()]
             most = max(most, float(result.ms[mine].max()))
