@@ -96,10 +96,7 @@ def start_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def _kind(control: Controller) -> dict[str, Any]:
-    """Return title, parameters and properties of a controller.
-
-    `loop`: it has a linear loop; `sampled`: its verdict is also on a sampled loop; `follows`: it tracks the reference.
-    """
+    """Return title, parameters and properties of a controller; `sampled`: its verdict is also on a sampled loop."""
     loop = isinstance(control, LinearControl) or control.kind in structures()
     kind = {"title": control.title, "tuned": isinstance(control, PI), "loop": loop}
     kind |= {"follows": control.follows_reference, "sampled": getattr(control, "as_run", None) is not None}
