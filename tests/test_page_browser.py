@@ -11,6 +11,7 @@ import pytest
 from test_page import ENVELOPE, PI_LEAD, served
 
 import railslip_ctrl as rs
+from railslip_ctrl.core.units import ms_down, ms_up
 from railslip_ctrl.design.workbench import Workbench
 
 WIDE = rs.Envelope(laws="bristle", loads="empty")
@@ -118,7 +119,7 @@ def test_dragging_changes_the_gains_and_every_answer_follows(tab):
     assert after["ki"] != before["ki"]
     judged = rs.judge(WIDE, PI_LEAD.with_design_numbers(after))
     assert tab.text("verdict") == judged.verdict_line
-    assert tab.number("ms") == pytest.approx(judged.worst.ms, rel=1e-3)
+    assert tab.text("ms") == ms_up(judged.worst.ms)
     assert tab.number("phase-margin") == pytest.approx(judged.worst.margins.phase_deg, rel=5e-3)
     assert tab.number("delay-margin") == pytest.approx(judged.worst.margins.delay_s, rel=5e-3)
     assert tab.run("return document.getElementById('verdict').className") == judged.verdict
@@ -228,11 +229,13 @@ def test_the_address_has_the_whole_design(chromium, wide, tab):
     chromium.get("about:blank")
     again = Tab(chromium, address)
     assert again.run("return [design.values.kp, design.values.ki, design.reference.wet]") == [290, 129, 0.06]
-    wrong = address.replace("kp=290", "kp=much&nonsense=3").replace("lead=0.6", "lead=0.5")
+    wrong = address.replace("kp=290", "kp=much&nonsense=3&slip.dry=5").replace("lead=0.6", "lead=0.5")
     chromium.get("about:blank")
     again = Tab(chromium, wrong)
     told = again.text("message")
     assert "kp: “much” is not a number" in told
+    assert "slip.dry: “5” is not between 0 and 1" in told
+    assert again.run("return design.reference.dry") == 0.1
     assert "pi-lead" in told
     assert "“nonsense”" in told
     assert again.run("return design.values.lead") == 0.5
@@ -262,11 +265,9 @@ def test_the_saved_file_is_what_other_commands_take(chromium, tab, railslip):
         "--json",
     )
     status, out, err = railslip("margins", *words)
-    worst = json.loads(out)["worst"][
-        "ms"
-    ]  # both loads of the published vehicle have one wheel load: the empty one is worse
+    worst = json.loads(out)["worst"]["ms"]  # both loads of the published vehicle have one wheel load: empty is worse
     assert status == 0, err
-    assert tab.number("ms") == pytest.approx(worst, rel=1e-3)
+    assert tab.text("ms") == ms_up(worst)
     status, out, err = railslip(
         "simulate", "--scenario", "stop", "--controller", chromium.folder / "controller.toml", "--json"
     )
@@ -312,6 +313,28 @@ def test_every_kind_is_shaped(tab, kind):
         assert tab.run("return design.values") == {"b1": 200, "b0": 40, "a2": 0.06, "a1": 1, "a0": 0}
         tab.type("num", "1, a")
         assert "Numerator: give" in tab.text("message")
+        tab.run(set_.format("'change'"), "kind", "pi")
+        assert tab.text("message") == ""
+
+
+def test_numbers_are_rounded_as_in_the_verdict_and_an_axis_has_two_ticks(tab):
+    values = [1.0, 1.4141, 1.995001, 2.0, 2.0000001, 2.005, 12.3412, 99.991]
+    told = tab.run("return arguments[0].map((ms) => [msText(ms), boundText(ms)])", values)
+    assert told == [[ms_up(ms), ms_down(ms)] for ms in values]
+    axes = [[80, 880, False, 4], [400, 640, True, 4], [-1.5, 6.5, False, 4], [520, 580, True, 3], [1, 1e9, True, 3]]
+    for found in tab.run("return arguments[0].map(([low, high, ...rest]) => ticksOf([low, high], ...rest))", axes):
+        assert 2 <= len(found) <= 12
+
+
+def test_a_change_of_kind_leaves_nothing_of_the_old_kind(tab):
+    change = "$('kind').value = arguments[0]; chooseKind();"
+    seen = "[...document.querySelectorAll('.sampled-too')].map((each) => !each.hidden)"
+    slips = "[$('slip-dry-slider'), $('slip-wet')].map((each) => each.disabled)"
+    for kind, sampled, own in (("pi", True, False), ("seeking", False, True), ("slide-protection", False, True)):
+        found = tab.run(f"{change} dragTo({{clientX: 9, clientY: 9}}); return [{seen}, {slips}]", kind)
+        assert found == [[sampled] * 3, [own] * 2], kind  # a drag before the new map comes has no effect
+        assert tab.text("map-read") == ""
+        assert tab.driver.find_element("id", "own-slip").is_displayed() == own
 
 
 @pytest.mark.long
@@ -345,14 +368,14 @@ def test_two_tabs_do_not_disturb_each_other(chromium, wide, tab):
     chromium.switch_to.new_window("tab")
     other = Tab(chromium, f"http://127.0.0.1:{wide.port}/{wide.token}/")
     other.type("kp", "420")
-    found = {420: other.settled().number("ms")}
+    found = {420: other.settled().text("ms")}
     chromium.close()
     chromium.switch_to.window(first)
-    found[280] = tab.settled().number("ms")
+    found[280] = tab.settled().text("ms")
     envelope = WIDE
     for kp, ms in found.items():
         control = PI_LEAD.with_design_numbers({"kp": float(kp), "ki": tab.run("return design.values.ki")})
-        assert ms == pytest.approx(rs.judge(envelope, control, nominal=True).worst.ms, rel=1e-3)
+        assert ms == ms_up(rs.judge(envelope, control, nominal=True).worst.ms)
 
 
 @pytest.mark.long

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import webbrowser
 
 import click
@@ -77,3 +79,6 @@ def command(
             server.serve_forever()
     except KeyboardInterrupt:  # the usual way to end the command
         progress("the page is no longer served")
+        if dispatcher.computing:  # do not wait; Python may abort if it ends while a thread is in native code
+            sys.stdout.flush()
+            os._exit(0)

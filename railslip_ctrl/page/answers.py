@@ -96,9 +96,11 @@ def start_answer(bench: Workbench, request: Request) -> Answer:
 
 
 def _kind(control: Controller) -> dict[str, Any]:
-    """Return title and parameters of a controller, whether `tune` can tune it, and whether it has a linear loop."""
+    """Return title, parameters and properties of a controller; `sampled`: its verdict is also on a sampled loop."""
     loop = isinstance(control, LinearControl) or control.kind in structures()
-    return {"title": control.title, "tuned": isinstance(control, PI), "loop": loop, "sliders": control.design_numbers()}
+    kind = {"title": control.title, "tuned": isinstance(control, PI), "loop": loop}
+    kind |= {"follows": control.follows_reference, "sampled": getattr(control, "as_run", None) is not None}
+    return {**kind, "sliders": control.design_numbers()}
 
 
 def loop_answer(bench: Workbench, request: Request) -> Answer:
@@ -230,7 +232,7 @@ def tune_answer(bench: Workbench, request: Request) -> Answer:
     envelope, kind = bench.points(control)[0], type(control)
     tuned, design = tune_over(envelope, specification, kind, ki_min=ki_min, nominal=True, period=period, **leads)
     if design is None:
-        raise InputError(tuned.reason)
+        raise InputError(f"{tuned.reason}; railslip report names the brake that this vehicle needs")
     return {"values": {number.name: number.value for number in design.controller.design_numbers()}}, {}
 
 

@@ -14,7 +14,7 @@ import secrets
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from http import HTTPStatus
@@ -26,7 +26,7 @@ from typing import Any
 from railslip_ctrl.controllers.base import python_file
 from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.core.folders import private_text
-from railslip_ctrl.core.processes import processes
+from railslip_ctrl.core.processes import Submit, processes
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.design.workbench import Workbench
 from railslip_ctrl.model.adhesion import AdhesionLaw
@@ -56,16 +56,20 @@ class Dispatcher:
         self.bench, self._sent = bench, b"" if own else pickle.dumps((bench.envelope, bench.given))
         self._newest, self._lock = dict[tuple[str, str], int](), threading.Lock()
         self._waiting = threading.BoundedSemaphore(_WAITING)
-        self._pools: list[tuple[threading.Semaphore, Callable[..., Any]]] = []
+        self._pools: list[tuple[threading.Semaphore, Callable[..., bytes]]] = []
+        self._closed, self.computing = False, set[int]()  # threads of this process that compute an answer
 
     @contextmanager
     def opened(self) -> Iterator[Dispatcher]:
-        """Start processes that answer slow requests, or a thread if processes could not import a class of the user."""
-        with processes(1) as medium, processes(2) as slow, ThreadPoolExecutor(1) as thread:
-            answer = partial(_answer_in_process, self._sent) if self._sent else partial(encoded_answer, self.bench)
-            pools = ((1, medium), (2, slow)) if self._sent else ((1, thread.submit), (1, thread.submit))
-            self._pools = [(threading.Semaphore(count), partial(submit, answer)) for count, submit in pools]
-            yield self
+        """Start processes that answer slow requests; this process answers if others could not import a user's class."""
+        with processes(1) as medium, processes(2) as slow:
+            self._pools = [(threading.Semaphore(n), partial(self._answer_by, by)) for n, by in ((1, medium), (2, slow))]
+            if not self._sent:
+                self._pools = [(threading.Semaphore(1), self._answer_here)] * 2
+            try:
+                yield self
+            finally:
+                self._closed = True
 
     def answer(self, name: str, client: str, turn: int, request: dict[str, Any]) -> bytes | None:
         """Return the answer to a request; None if the request is outdated.
@@ -75,7 +79,7 @@ class Dispatcher:
         - turn: number of the request; it is outdated if the tab has sent a request of this kind with a higher number.
         - request: content of the request.
 
-        InputError if the design is invalid; `queue.Full` if too many slow requests are waiting.
+        InputError: invalid design; `queue.Full`: too many slow requests wait; RuntimeError: `opened` has ended.
         """
         key = client, name
         self._newest[key] = max(turn, self._newest.pop(key, turn))
@@ -83,17 +87,29 @@ class Dispatcher:
             self._newest.pop(next(iter(self._newest)), None)
         if name in _FAST:
             with self._lock:
-                return encoded_answer(self.bench, name, request) if self._newest.get(key, turn) <= turn else None
+                return self._answer_here(name, request) if self._newest.get(key, turn) <= turn else None
         if not self._waiting.acquire(blocking=False):
             raise Full
         try:
-            free, submit = self._pools[name not in _MEDIUM]
+            free, answer = self._pools[name not in _MEDIUM]
             with free:
-                return submit(name, request).result() if self._newest.get(key, turn) <= turn else None
+                return answer(name, request) if self._newest.get(key, turn) <= turn else None
         except BrokenExecutor:  # the processes were ended, or they import a script that would serve the page again
-            return encoded_answer(self.bench, name, request)
+            return self._answer_here(name, request)
         finally:
             self._waiting.release()
+
+    def _answer_by(self, submit: Submit, name: str, request: dict[str, Any]) -> bytes:
+        return bytes(submit(_answer_in_process, self._sent, name, request).result())
+
+    def _answer_here(self, name: str, request: dict[str, Any]) -> bytes:
+        self.computing.add(threading.get_ident())
+        try:
+            if self._closed:
+                raise RuntimeError("the page is no longer served")
+            return encoded_answer(self.bench, name, request)
+        finally:
+            self.computing.discard(threading.get_ident())
 
 
 @lru_cache(2)
@@ -159,7 +175,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         name = self._name()
-        if name in self.server.files:
+        if name == "" and not self.path.partition("?")[0].endswith("/"):  # the page loads files relative to its address
+            self._send(HTTPStatus.PERMANENT_REDIRECT, b"")
+        elif name in self.server.files:
             self._send(HTTPStatus.OK, self.server.files[name], f"text/{_FILES[name]}; charset=utf-8")
         elif name is not None:
             self._reject(HTTPStatus.NOT_FOUND, "unknown page")
@@ -191,15 +209,15 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, name: str, body: bytes) -> None:
         try:
-            request = json.loads(body)
-            turn = request.get("turn", 0) if isinstance(request, dict) else None
+            turn = (request := json.loads(body)).get("turn", 0)
+        except (ValueError, RecursionError, AttributeError):
+            return self._reject(HTTPStatus.BAD_REQUEST, "the request is no JSON object, or has too long a number")
+        try:
             if isinstance(turn, bool) or not isinstance(turn, int) or not 0 <= turn < 2**53:
-                raise InputError(f"{shown(request)} is not valid; give a JSON object with 'turn', a whole number >= 0")
+                raise InputError(f"turn: {shown(turn)} is not allowed; give a whole number from 0 to 2**53 - 1")
             answer = self.server.dispatcher.answer(name, str(request.get("client", ""))[:40], turn, request)
         except (RailslipError, ArithmeticError) as error:  # numbers that are allowed singly can overflow together
             self._reject(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
-        except (UnicodeDecodeError, json.JSONDecodeError, RecursionError):
-            self._reject(HTTPStatus.BAD_REQUEST, "the request is not JSON")
         except Full:
             self._reject(HTTPStatus.SERVICE_UNAVAILABLE, "the server is busy; repeat the request")
         else:
@@ -214,6 +232,7 @@ class _Handler(BaseHTTPRequestHandler):
         headers = {"Content-Type": kind, "Content-Length": str(len(content)), "Cache-Control": "no-store"}
         headers |= {"Content-Security-Policy": _POLICY, "X-Content-Type-Options": "nosniff"}
         headers |= {"Referrer-Policy": "no-referrer"} | ({"Connection": "close"} if self.close_connection else {})
+        headers |= {"Location": f"/{self.server.token}/"} if status == HTTPStatus.PERMANENT_REDIRECT else {}
         for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()

@@ -15,6 +15,7 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.vehicle import PARK2008, Record
 
+from .candidates import no_margins
 from .design_report import design_sections, first_page
 from .page import page
 from .pictures import Pictures
@@ -29,6 +30,8 @@ def toml_text(envelope: Envelope, control: Controller) -> str:
 def script_text(envelope: Envelope, control: Controller) -> str:
     """Return a Python script that judges the controller over the envelope, simulates a stop, and saves the controller.
 
+    A controller without a linear loop is not judged.
+
     InputError: the controller's class comes from a Python file of the user, or a law is an `AdhesionLaw` object.
     """
     kind = type(control)
@@ -41,7 +44,8 @@ def script_text(envelope: Envelope, control: Controller) -> str:
     fields = type(envelope).model_fields
     changed = {n: getattr(envelope, n) for n in fields if n != "vehicle" and getattr(envelope, n) != fields[n].default}
     car = "rs.PARK2008" if envelope.vehicle == PARK2008 else f"rs.Vehicle(**{_shown(dict(envelope.vehicle))})"
-    return f'''"""A slip controller shaped by hand with `railslip design`: judged, run in a stop, and saved."""
+    judge, done = ("", "run") if no_margins(control) else ("    print(rs.judge(envelope, controller))\n", "judged, run")
+    return f'''"""A slip controller shaped by hand with `railslip design`: {done} in a stop, and saved."""
 
 from {kind.__module__} import {kind.__name__}
 
@@ -52,8 +56,7 @@ envelope = rs.Envelope(car, **{_shown(changed)})
 controller = {kind.__name__}(**{_shown(given)})
 
 if __name__ == "__main__":
-    print(rs.judge(envelope, controller))
-    print(rs.simulate(rs.stop(car, "wet"), controller))
+{judge}    print(rs.simulate(rs.stop(car, "wet"), controller))
     controller.save("controller.toml")
 '''
 

@@ -33,7 +33,8 @@ function fmt(x, digits = 4) {
 }
 const plainName = (name) => name.replaceAll("_", " ");
 const unitOf = (unit) => (unit === "1" ? "" : `, ${unit.replaceAll("*", "·").replace("^2", "²")}`);
-const msText = (ms) => (ms === null ? "unstable" : fmt(ms));
+const msText = (ms, to = Math.ceil, side = -1) => (ms === null ? "unstable" : ms < 100 ? (to(100 * ms * (1 + side * 1e-6)) / 100).toFixed(2) : fmt(ms, 3));
+const boundText = (ms) => (ms === null ? "–" : msText(ms, Math.floor, 1)); // as in the verdict: Ms is rounded up, a lower bound down
 const quoted = (text) => `“${text.slice(0, 40)}”`;
 
 // Show a message at the top. A message with `refused` disappears when the server accepts a design.
@@ -155,6 +156,7 @@ function recordUndo() {
 // Replace the design, possibly by one of another kind.
 function setDesign(given, undoable = true) {
   design = given;
+  notify("");
   showKind();
   designChanged(undoable);
 }
@@ -203,6 +205,7 @@ function takeAddress() {
     if (name === "kind") continue;
     if (!known) wrong.push(`${kind} has no parameter ${quoted(name)}`);
     else if (!text.trim() || !Number.isFinite(value)) wrong.push(`${name}: ${quoted(text)} is not a number`);
+    else if (rail && !(value > 0 && value < 1)) wrong.push(`${name}: ${quoted(text)} is not between 0 and 1`);
     else if (rail) given.reference[rail] = value;
     else given.values[name] = value;
   }
@@ -217,9 +220,7 @@ function addNumber(parent, { name, label, unit, meaning, value, most }, set) {
   const slider = make("input", { type: "range", min: 0, max: STEPS, id: `${name}-slider`, title: meaning });
   const field = make("input", { type: "text", inputMode: "decimal", id: name, autocomplete: "off", title: meaning });
   slider.setAttribute("aria-label", `${caption.textContent}: ${meaning}`);
-  const row = make("div", { className: "number" });
-  row.append(caption, slider, field);
-  parent.append(row);
+  parent.appendChild(make("div", { className: "number" })).append(caption, slider, field);
   const size = Math.abs(value) || 1, entry = { slider, field, set, low: size / REACH, high: Math.min(size * REACH, most ?? Infinity) };
   slider.addEventListener("input", () => {
     const size = entry.low * (entry.high / entry.low) ** (slider.value / STEPS);
@@ -247,10 +248,11 @@ function addNumber(parent, { name, label, unit, meaning, value, most }, set) {
 
 function showKind() {
   $("kind").value = design.kind;
-  for (const id of ["tuning", "tuning-ki"]) $(id).hidden = !kindNow().tuned;
-  $("axes").hidden = kindNow().tuned || !kindNow().loop;
-  const free = design.kind === "transfer-function";
-  $("coefficients").hidden = !free;
+  const free = design.kind === "transfer-function", { tuned, loop: linear, sampled, follows } = kindNow();
+  const hidden = { tuning: !tuned, "tuning-ki": !tuned, axes: tuned || !linear, coefficients: !free, fixed: !setup.fixed, "own-slip": follows || setup.fixed };
+  for (const [id, state] of Object.entries(hidden)) $(id).hidden = state;
+  for (const each of document.querySelectorAll(".sampled-too")) each.hidden = !sampled;
+  for (const [name, { slider, field }] of fields) if (name.startsWith("slip-")) slider.disabled = field.disabled = setup.fixed || !follows;
   for (const id of ["sliders", "more-sliders"]) $(id).replaceChildren();
   for (const name of fields.keys()) if (!name.startsWith("slip-")) fields.delete(name);
   const known = new Map(kindNow().sliders.map((parameter) => [parameter.name, parameter]));
@@ -260,6 +262,7 @@ function showKind() {
     addNumber($(i < SHOWN ? "sliders" : "more-sliders"), { ...parameter, value: parameter.value || design.values[name] }, (value) => (design.values[name] = value));
   });
   for (const [id, letter] of [["num", "b"], ["den", "a"]]) {
+    $(id).setAttribute("aria-invalid", "false");
     if (free) $(id).value = names.filter((name) => name[0] === letter).map((name) => design.values[name]).join(", ");
   }
   $("more").hidden = names.length <= SHOWN;
@@ -291,7 +294,6 @@ function typedCoefficients() {
     if (!good) return notify(`${$(id).labels[0].textContent}: give one to twelve numbers, separated by commas; the previous values are kept`);
     parts.forEach((value, i) => (values[`${letter}${parts.length - 1 - i}`] = value));
   }
-  notify("");
   return setDesign({ ...design, values });
 }
 
@@ -320,7 +322,7 @@ function showMargins() {
   if (range) text = `${fmt(range.gain_decrease ?? 0, 3)} to ${fmt(range.gain_increase ?? Infinity, 3)} times`;
   else if (loop.range) text = `stable ${fmt(loop.range[0] ?? 0, 3)} to ${fmt(loop.range[1] ?? Infinity, 3)} times`;
   $("gain-range").textContent = text;
-  $("bound").textContent = none ? "–" : `≥ ${fmt(loop.least_ms, 3)}`;
+  $("bound").textContent = none ? "–" : `≥ ${boundText(loop.least_ms)}`;
 }
 
 function showVerdict(answer, outdated = false) {
@@ -412,11 +414,11 @@ function ticksOf([low, high], log, count) {
     for (let k = Math.floor(Math.log10(low)); k <= Math.log10(high); k += Math.max(1, Math.ceil(decades / count))) {
       found.push(...steps.map((step) => step * 10 ** k).filter((at) => at >= low * 0.999 && at <= high * 1.001));
     }
-    return found;
+    return found.length > 1 ? found : ticksOf([low, high], false, count);
   }
   const size = 10 ** Math.floor(Math.log10((high - low) / count)), step = size * [1, 2, 5, 10].find((factor) => factor * size >= (high - low) / count);
   for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) found.push(i * step);
-  return found;
+  return found.length > 1 || count > 20 ? found : ticksOf([low, high], false, count + 1); // at least two ticks
 }
 
 // Draw a panel between two heights of a canvas, with title and ticks; its functions `x` and `y` convert numbers to pixels.
@@ -569,7 +571,7 @@ const draw = {
     });
     readable("nyquist", re.length, (px, py) => nearest(re.length, (i) => Math.hypot(area.x(re[i]) - px, area.y(im[i]) - py)), (i) => [[area, re[i], im[i]]],
       (i) => `${fmt(omega[i])} rad/s: L = ${fmt(re[i], 3)} ${im[i] < 0 ? "−" : "+"} ${fmt(Math.abs(im[i]), 3)} j`);
-    return $("nyquist").setAttribute("aria-label", loop.stable ? `Nyquist diagram, Ms ${fmt(loop.ms)}` : "Nyquist diagram of an unstable loop");
+    return $("nyquist").setAttribute("aria-label", loop.stable ? `Nyquist diagram, Ms ${msText(loop.ms)}` : "Nyquist diagram of an unstable loop");
   },
 
   bode() {
@@ -658,8 +660,8 @@ const draw = {
         if (envelope.bounds[i][j] > setup.robust_ms) hatch(ctx, ...cell(i, j));
         Object.assign(ctx, { lineWidth: 2, strokeStyle: ms === null ? colours.bad : ms <= setup.robust_ms * (1 + 1e-6) ? colours.good : colours.fair });
         ctx.strokeRect(...cell(i, j));
-        write(ctx, ms === null && wide < 60 ? "✗" : ms === null ? "unstable" : fmt(ms, 3), px, py - (worse ? 9 : 0), "center", colours.ink);
-        if (worse) write(ctx, worse[i][j] === null ? "✗" : fmt(worse[i][j], 3), px, py + 9, "center");
+        write(ctx, ms === null && wide < 60 ? "✗" : msText(ms), px, py - (worse ? 9 : 0), "center", colours.ink);
+        if (worse) write(ctx, worse[i][j] === null ? "✗" : msText(worse[i][j]), px, py + 9, "center");
       });
     });
     speeds.forEach((speed, i) => write(ctx, fmt(speed, 3), left + (i + 0.5) * wide, height - 24, "center"));
@@ -668,10 +670,10 @@ const draw = {
     const clamp = (v, most) => Math.max(0, Math.min(most - 1, Math.floor(v))), of = (k) => [k % speeds.length, Math.floor(k / speeds.length)];
     readable("envelope-map", speeds.length * loads.length, (px, py) => clamp((px - left) / wide, speeds.length) + speeds.length * clamp(py / high, loads.length), () => [], (k) => {
       const [i, j] = of(k);
-      return `${fmt(speeds[i], 3)} km/h, ${loads[j]}: Ms ${msText(operating[i][j])}${worse ? `, with tolerances ${msText(worse[i][j])}` : ""}; lower bound for any controller ${fmt(envelope.bounds[i][j], 3)}`;
+      return `${fmt(speeds[i], 3)} km/h, ${loads[j]}: Ms ${msText(operating[i][j])}${worse ? `, with tolerances ${msText(worse[i][j])}` : ""}; lower bound for any controller ${boundText(envelope.bounds[i][j])}`;
     });
     const all = operating.flat();
-    return $("envelope-map").setAttribute("aria-label", `Worst Ms over speed and load: ${all.includes(null) ? "unstable somewhere" : `at most ${fmt(Math.max(...all), 3)}`}`);
+    return $("envelope-map").setAttribute("aria-label", `Worst Ms over speed and load: ${all.includes(null) ? "unstable somewhere" : `at most ${msText(Math.max(...all))}`}`);
   },
 };
 
@@ -692,6 +694,7 @@ function fitMap() {
 
 function drawMap() {
   $("map-help").hidden = !kindNow().loop;
+  $("map-read").textContent = "";
   if (!view || !kindNow().loop) return plotMessage("gain-map", kindNow().loop ? "…" : "no map: this controller has no linear loop");
   const of = clearedCanvas("gain-map"), names = axes(), [x, y] = names.map((name) => design.values[name]), labels = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((parameter) => parameter.name === name)?.unit ?? "1"));
   const area = (mapArea = panel(of, MARGIN.title, of.height - MARGIN.bottom, { x: view.x, y: view.y, logX: view.log, logY: view.log, labelX: labels[0], title: labels[1] }));
@@ -756,7 +759,7 @@ function drawCells(area) {
 }
 
 function dragTo(event) {
-  if (!mapArea || !kindNow().loop) return;
+  if (!view || !mapArea || !kindNow().loop) return; // no map yet after a change of kind
   const box = $("gain-map").getBoundingClientRect(), { left, right, top, bottom } = mapArea, names = axes();
   const along = ([low, high], share) => (view.log ? low * (high / low) ** share : low + (high - low) * share);
   const shares = [(event.clientX - box.left - left) / (right - left), (bottom - event.clientY + box.top) / (bottom - top)];
@@ -889,9 +892,7 @@ async function start() {
   for (const [rail, value] of Object.entries(setup.reference)) {
     const parameter = { name: `slip-${rail}`, label: `${rail} rail`, unit: "1", meaning: `reference slip ratio on ${rail} rail`, value, most: 0.9 };
     addNumber($("slips"), parameter, (slip) => (design.reference[rail] = slip));
-    fields.get(parameter.name).slider.disabled = fields.get(parameter.name).field.disabled = setup.fixed;
   }
-  $("fixed").hidden = !setup.fixed;
   listen();
   return takeAddress();
 }
