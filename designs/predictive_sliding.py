@@ -83,10 +83,11 @@ def main() -> None:
     print(f"Gains by rule: {design.control.described()}\n{design.judgement}\n")
     for one in design.proof.conditions:
         print(f"{one.name:36s} {one.how or 'not decided'}")
-    print("\nlargest tolerance, the others at zero                 condition not proved beyond")
+    print("\nlargest tolerance, the others as in the box   |S| falls to, N*m   condition not proved beyond")
     for one in design.proof.tolerances:
         value = f"{100 * one.value:.3g} %" if one.unit == "%" else f"{one.value:.3g} {one.unit}"
-        print(f"{one.name.replace('_', ' '):16s} {value:36s} {one.limited_by or 'not limited in the range tried'}")
+        limit = one.limited_by or "not limited in the range tried"
+        print(f"{one.name.replace('_', ' '):16s} {value:28s} {one.tube:19.4g}   {limit}")
     print("\nrail   without noise   noise     highest slip   released, certain not to lock   not certain at")
     for stop in design.stops:
         (quiet, seen), (slow, fast) = stop.runs, stop.released.outside_kmh

@@ -13,7 +13,7 @@ from rich.text import Text
 from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
-from railslip_ctrl.verification.verdict import Condition, Verification
+from railslip_ctrl.verification.verdict import Condition, Tolerance, Verification
 
 from .document import Facts, Paragraph, Table, heading, render
 from .export import exported
@@ -77,7 +77,11 @@ def verification_json(verification: Verification) -> dict[str, Any]:
         "all_hold": verification.all_hold,
         **({"box": dict(verification.box)} if verification.box else {}),
         **(
-            {"tolerances": [exported(item, "name", "value", "unit", "limited_by") for item in verification.tolerances]}
+            {
+                "tolerances": [
+                    exported(item, "name", "value", "unit", "limited_by", "tube") for item in verification.tolerances
+                ]
+            }
             if verification.box
             else {}
         ),
@@ -113,21 +117,30 @@ def _box(verification: Verification) -> list[RenderableType]:
     text = (
         f"Box: {box['adhesion']}, {' and '.join(box['rails'])} rail, v {speeds} km/h, slip within "
         f"{100 * box['slip']:g} % of the reference, {masses} kg with the wheel load in proportion, |S| <= "
-        f"{box['surface']:g} N m, |e_hat| <= {box['error']:g} m/s, 0 <= Tb <= torque_max; all other vehicle parameters "
-        "are those that the law assumes."
+        f"{box['surface']:g} N m, |e_hat| <= {box['error']:g} m/s, 0 <= Tb <= torque_max, and an observer that "
+        "has settled; all other vehicle parameters are those that the law assumes."
     )
     if not verification.tolerances:
-        return [Paragraph(text)]
+        return [Paragraph(f"{text} No tolerances are computed, because reaching is not proved without errors.")]
     rows = [
         (
             item.name.replace("_", " "),
-            f"{100 * item.value:.3g} %" if item.unit == "%" else f"{item.value:.3g} {item.unit}",
+            _limit(item),
+            f"{item.tube:.4g}",
             item.limited_by or "no limit in the range tried",
         )
         for item in verification.tolerances
     ]
-    columns = ("Largest tolerance, the others as in the box", "in both directions", "condition that limits it")
-    return [Paragraph(text), Text(""), Table(columns, rows, left=3)]
+    columns = ("Largest tolerance, others as in the box", "limit", "|S| falls to, N m", "condition that limits it")
+    return [Paragraph(text), Text(""), Table(columns, rows, left=4)]
+
+
+def _limit(item: Tolerance) -> str:
+    if item.name == "lowest_speed":
+        return f"from {item.value:.3g} {item.unit} up"
+    if item.name == "surface":
+        return f"|S| <= {item.value:.0f} {item.unit.replace('*', ' ')}"
+    return "+-" + (f"{100 * item.value:.3g} %" if item.unit == "%" else f"{item.value:.3g} {item.unit}")
 
 
 def _facts(verification: Verification) -> list[tuple[str, str]]:

@@ -146,7 +146,8 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
         left = left[(slip[left] < 1.0 - 1.0 / _CELLS) & (speeds[left] - falling[left] * (t + _STEP) >= _LEAST_SPEED)]
         if not left.size:
             break
-        acting = torques[left] * (1.0 if t <= actuator.dead_time else np.exp(-(t - actuator.dead_time) / actuator.lag))
+        late = max(t - actuator.dead_time, 0.0)
+        acting = torques[left] * (np.exp(-late / actuator.lag) if actuator.lag > 0 else float(late == 0.0))
         at, cell = row[left], np.minimum((slip[left] * _CELLS).astype(int), _CELLS - 1)
         # the torque does not rise again, so that a rate below 0 over the cell keeps the slip below the cell's upper end
         falls = numerator(left, weakest[at, cell], (cell + 1) / _CELLS, acting) < 0.0

@@ -11,13 +11,14 @@ time constant. Therefore
 
     |H - H_hat| <= tau R + 2 n,    |H_hat'| <= R.
 
-If K > d = kappa (tau R + 2 n) + (1 + kappa theta) R, then |S| falls to phi + 2 (1 + kappa theta) n, the half width
-of the tube; for n = 0 the tube is the boundary layer. The torque differs from H by at most
+These bounds hold once the observer has settled. If K > d = kappa (tau R + 2 n) + (1 + kappa theta) R, then |S| falls
+to phi + 2 (1 + kappa theta) n, the half width of the tube; for n = 0 the tube is the boundary layer. The claim is empty
+if the tube is wider than the box. The torque differs from H by at most
 
     dT = |S| + (J/r) kappa |e_hat| + (theta + tau) R + 2 n,    R = R0 + P dT,
 
 with P the largest magnitude of the slip pole and R0 the largest |H'| for dT = 0. dT and R are finite if
-P (theta + tau) < 1.
+P (theta + tau) < 1. The small gain of `sliding.predictive` is evaluated with P and the slower time constant tau.
 `boxes.largest` encloses P, R0 and the range of H over the box of speed, slip, load and rail. The rest is arithmetic on
 balls. The law is in continuous time, with a constant reference slip.
 """
@@ -189,6 +190,9 @@ class Demand:
     """Bounds on a rail for all values in a box, rounded to the safe side; equations are in the module docstring.
 
     - loop: loop gain P (theta + tau) plus the effect of the inertia's error; it must be below 1.
+    - small_gain: bound of the small gain with P in place of the slip pole.
+    - surface: largest |S| in the box, N*m.
+    - kick: change of S' by a jump of the random force from one bound to the other, N*m/s, without other changes of H.
     - d: bound of the disturbance of S', N*m/s, which K must exceed.
     - at_once: bound of the disturbance of S', N*m/s, that includes the rate of H_hat after a jump of H.
     - tube: half width of the tube about S = 0, N*m.
@@ -201,10 +205,13 @@ class Demand:
     - jump: bound n of the part of H that may jump, N*m.
     - found: enclosures of H, P, R0 and the deceleration over speed, slip and load.
 
-    If `loop` can be >= 1, all bounds except `loop`, `hold` and `carried` are infinite.
+    If `loop` can be >= 1, the bounds from `left` on are infinite.
     """
 
     loop: float
+    small_gain: float
+    surface: float
+    kick: float
     hold: Range
     carried: Range
     found: Extremes
@@ -247,12 +254,19 @@ def demand(
     fixed, steady = force + late * (1 + gain) * steepest, drift + gain * steepest
     lowest, highest = -low / (1 + gain), high / (1 - gain)
     hold, carried = (lowest, highest), (lowest / lag, (gains.torque_max - highest) / lag)
-    loop = pole * (theta + tau) + 2 * arb(box.inertia)
-    known = Demand(most(loop), (least(lowest), most(highest)), (least(carried[0]), least(carried[1])), found)
+    loop, more = pole * (theta + tau) + 2 * arb(box.inertia), 1 + kappa * theta
+    layer_gain = arb(gains.reaching_rate) + arb(gains.switching_gain) / gains.layer
+    small_gain = 2 * pole * (theta + tau + (1 + kappa * (theta + tau)) / layer_gain)
+    quickest = min(gains.observer_time, gains.deceleration_time)
+    kick = -upper(-(more / gains.observer_time - kappa) * 2 * arb(box.random_force) * ADHESION_NOISE * heavy * lever)
+    known = Demand(
+        *(most(loop), most(small_gain), box.surface, kick),
+        *((least(lowest), most(highest)), (least(carried[0]), least(carried[1])), found),
+    )
     if not loop < 1:
         return known
     off = (ahead + (theta + tau) * steady + 2 * fixed) / (1 - loop)
-    rate, jump, more = steady + pole * off, fixed + box.inertia * off, 1 + kappa * theta
+    rate, jump = steady + pole * off, fixed + box.inertia * off
     # effect of errors of radius, train speed and inertia on the deceleration in H and e_hat', and on the prediction
     wrong = 2 * seen * ratio * fall + (arb(box.radius) + box.inertia) * off
     d = kappa * (tau * rate + 2 * jump + wrong) + more * rate
@@ -266,7 +280,7 @@ def demand(
         known,
         left=(left(hold[0] - jump), left(gains.torque_max - hold[1] - jump)),
         d=most(d),
-        at_once=most(d + more * 2 * jump / min(gains.observer_time, gains.deceleration_time)),
+        at_once=most(d + more * 2 * jump / quickest),
         tube=most(gains.layer + 2 * more * jump),
         off=most(off),
         rate=most(rate),
@@ -333,10 +347,12 @@ class Case(NamedTuple):
     adhesion: RailAdhesion
 
 
+REACHING, WITHIN = "reaching", "reaching within the torque limits"
 HOLDS: Mapping[str, Callable[[Predictive, Demand], bool]] = {
-    "small gain": lambda gains, one: one.loop < 1.0,
-    "reaching": lambda gains, one: one.d < gains.switching_gain,
-    "reaching within the torque limits": lambda gains, one: one.d < min(one.left),
+    "bounded deviation": lambda gains, one: one.loop < 1.0,
+    "small gain": lambda gains, one: one.small_gain < 1.0,
+    REACHING: lambda gains, one: one.d < gains.switching_gain and one.tube <= one.surface,
+    WITHIN: lambda gains, one: one.d < min(one.left) and one.tube <= one.surface,
     "authority": lambda gains, one: min(one.carried) >= gains.switching_gain,
     "reaching at once": lambda gains, one: one.at_once < gains.switching_gain,
 }
@@ -348,9 +364,12 @@ STAYS = "the slip stays in the box"
 def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dict[str, Any]]:
     """Decide the condition `name` over a box on every rail; return verdict and numbers.
 
-    `name` is `STAYS` or a key of `HOLDS`. The verdict is False if the condition fails on a rail with values of H, P, R0
-    and -v' that occur in the box. It is None if the condition is undecided.
+    `name` is `STAYS` or a key of `HOLDS`. The verdict is False if values of H or P that occur in the box, or a jump of
+    the random force, break the condition on a rail. It is None if the condition is undecided; for the conditions on
+    reaching it is never False, because d is only a bound. For them the box is made as wide as the tube.
     """
+    if name in (REACHING, WITHIN):
+        box = widened(case, box)
     found = {one.rail: demand(case.gains, case.vehicle, one, box) for one in case.rails}
     numbers: dict[str, Any] = {"found": found, "gains": case.gains, "box": box, "fails": []}
     if name == STAYS:
@@ -359,10 +378,31 @@ def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dic
     holds = HOLDS[name]
     if all(holds(case.gains, one) for one in found.values()):
         return True, numbers
-    least = {one.rail: demand(case.gains, case.vehicle, one, box, attained=True) for one in case.rails}
-    bounded = name in ("small gain", "authority") or all(one.d < math.inf for one in least.values())
-    fails = [rail for rail, one in least.items() if bounded and not holds(case.gains, one)]
-    return (False if fails else None), {**numbers, "found": least if fails else found, "fails": fails}
+    if name == REACHING_AT_ONCE:
+        most = case.gains.switching_gain + case.gains.reaching_rate * case.gains.layer
+        fails = [rail for rail, one in found.items() if one.kick > most]
+    elif name in (REACHING, WITHIN):
+        fails = []
+    else:
+        least = {one.rail: demand(case.gains, case.vehicle, one, box, attained=True) for one in case.rails}
+        fails = [rail for rail, one in least.items() if not holds(case.gains, one)]
+    return (False if fails else None), {**numbers, "fails": fails}
+
+
+_WIDER = 1.01  # factor on the tube with which the range of |S| is widened
+
+
+def widened(case: Case, box: PredictiveBox) -> PredictiveBox:
+    """Return the box with a range of |S| that contains the tube of every rail; the given box if none is found."""
+    wide = box
+    for _ in range(_ROUNDS):
+        tube = max(demand(case.gains, case.vehicle, one, wide).tube for one in case.rails)
+        if tube <= wide.surface:
+            return wide
+        if math.isinf(tube):
+            break
+        wide = replace(wide, surface=_WIDER * tube)
+    return box
 
 
 def released(case: Case) -> Condition:
@@ -385,8 +425,8 @@ def conditions(case: Case) -> tuple[Condition, ...]:
     """Decide which conditions hold for exact parameters, with the errors `ASKED`, and with random force."""
     exact = PredictiveBox()
     boxes = {
-        **dict.fromkeys(("small gain", "reaching", "reaching within the torque limits", "authority", STAYS), exact),
-        **dict.fromkeys(("small gain, tolerances", "reaching, tolerances"), box_with(**ASKED)),
+        **dict.fromkeys(("bounded deviation", "small gain", REACHING, WITHIN, "authority", STAYS), exact),
+        **dict.fromkeys(("bounded deviation, tolerances", "reaching, tolerances"), box_with(**ASKED)),
         **{
             f"{name}, random force": replace(exact, random_force=RANDOM_FORCE)
             for name in ("reaching", REACHING_AT_ONCE)
@@ -428,10 +468,11 @@ def box_with(**changes: Any) -> PredictiveBox:
 def tolerances(case: Case) -> tuple[Tolerance, ...]:
     """Find the largest error of each of `QUANTITIES` for which the conditions that hold without errors still hold.
 
-    `limited_by` is empty if these conditions hold over the whole range that is tried.
+    `limited_by` is empty if these conditions hold over the whole range that is tried. Empty if reaching is not proved
+    without errors.
     """
     exact = PredictiveBox()
-    holding = [name for name in (*list(HOLDS)[:3], STAYS) if decided(name, case, exact)[0]]
+    holding = [name for name in ("bounded deviation", REACHING, WITHIN, STAYS) if decided(name, case, exact)[0]]
 
     def broken(name: str, value: float) -> str:
         box = box_with(**{name: value})
@@ -447,9 +488,16 @@ def tolerances(case: Case) -> tuple[Tolerance, ...]:
             good, bad, limit = (good, middle, found) if found else (middle, bad, limit)
         return good, limit
 
+    def tube(name: str, value: float) -> float:
+        wide = widened(case, box_with(**{name: value}))
+        return max(demand(case.gains, case.vehicle, one, wide).tube for one in case.rails)
+
     starts = {**vars(exact), "lowest_speed": exact.speed_kmh[0]}
-    found = QUANTITIES if holding else ()
-    return tuple(Tolerance(name, *bisected(name, starts[name], most), unit) for name, most, unit in found)
+    found = []
+    for name, most, unit in QUANTITIES if {REACHING, WITHIN} <= set(holding) else ():
+        value, limit = bisected(name, starts[name], most)
+        found.append(Tolerance(name, value, limit, unit, tube(name, value)))
+    return tuple(found)
 
 
 def verify_predictive(

@@ -32,7 +32,7 @@ from railslip_ctrl.sliding.proof import identical
 from railslip_ctrl.verification import reaching
 
 from .fixed_step import RUNS, IdealRun, simulate_ideal
-from .verdict import CORNERS, Condition, checked_at
+from .verdict import BY_CORNERS, CORNERS, Condition, checked_at
 
 GAINS = (k1, k2)
 LAYER = sp.Symbol("Phi", positive=True)
@@ -254,12 +254,12 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
         gain(vehicle, gains, largest),
         *(_gain_search(vehicle, gains, seed, limited=limited) for limited in (False, True)),
         rail_mistaken(vehicle, gains),
-        _down_to_5_kmh("boundary layer, bound", layered, "symbolic", layer),
+        _down_to_5_kmh("boundary layer, bound", layered, BY_CORNERS, layer),
         boundary_layer_runs(vehicle, gains, layer, seeds),
-        _down_to_5_kmh("dead zone in the adaptation", adapted, "symbolic", layer),
+        _down_to_5_kmh("dead zone in the adaptation", adapted, BY_CORNERS, layer),
         Condition("projection", projection_proved() and contained, "symbolic", {"box": box, "theta": theta}),
         _dead_zone_runs(vehicle, gains, largest, seeds),
-        _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound["gain"] < leaking.K, "symbolic", leak),
+        _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound["gain"] < leaking.K, BY_CORNERS, leak),
         _leak_runs(vehicle, leaking, bound, seeds),
     )
 

@@ -14,6 +14,7 @@ from railslip_ctrl.core.units import KMH
 
 RULE = "relative degree"  #: method: a delay, or a relative degree above 1 from the relay to s, excludes a sliding mode
 CORNERS = "checked at the corners"  #: method: the bound is affine in each quantity, so its maximum is at a corner
+BY_CORNERS = "symbolic; numbers checked at the corners"  #: method: proved for the least gain at the corners
 
 
 def checked_at(points: int) -> str:
@@ -29,7 +30,7 @@ class Condition:
     - holds: verdict; None if undecided.
     - how: method, None if undecided: "symbolic" (proved with SymPy or in closed form), "proved over the box" (by
       interval arithmetic), "counterexample" (violated at a point of the box), "simulated", or `RULE`, `CORNERS`,
-      `checked_at`.
+      `BY_CORNERS`, `checked_at`.
     - numbers: values, by name, from which the verdict follows.
     - claimed: True if [Park2008] claims the condition or relies on it.
     - down_to_kmh: the condition holds from 100 km/h down to this speed, km/h; None if it does not hold or does not
@@ -50,13 +51,14 @@ class Condition:
 class Tolerance:
     """Limit `value` (in `unit`) up to which the conditions hold if the other quantities are in `Verification.box`.
 
-    `limited_by` is the condition that fails for larger values.
+    `limited_by` is the condition that is not proved for larger values. |S| falls to `tube`, N*m.
     """
 
     name: str
     value: float
     limited_by: str
     unit: str
+    tube: float
 
 
 @dataclass(frozen=True)
