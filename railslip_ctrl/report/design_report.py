@@ -169,8 +169,8 @@ def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
             other = good[1]
             cost = other.distance() / best.distance() - 1
             tie = ", which counts as equal" if report.prefer == "distance" and abs(cost) <= TIE else ""
-            phrase = f"{_kind(other.choice)}{_share(other)}: {_short(other)}; distance {100 * cost:+.1f} %{tie}."
-            yield "Runner-up", minus(phrase)
+            excess = minus(f"{100 * cost:+.1f}")
+            yield "Runner-up", f"{_kind(other.choice)}{_share(other)}: {_short(other)}; distance {excess} %{tie}."
         else:
             rest = "; ".join(f"{_kind(item.choice)} ({item.reason})" for item in report.trials[1:3])
             yield "Runner-up", f"no other candidate qualifies: {rest}."
