@@ -39,7 +39,7 @@ PRINTED = {
         "a hidden mode"),
     "designs/predictive_sliding": (2, "kappa 1.8 1/s, k 2 1/s, K 4549 N*m/s, phi 511.8 N*m", "stable from 60 km/h up",
         "hands over below 14 km/h", "reaching within the torque limits proved over the box", "authority counterexample",
-        "brake gain 5.47 % reaching within the torque limits", "lowest speed 40.1 km/h", "release certified at 8",
+        "brake gain 5.47 % 511.8 reaching within the torque limits", "lowest speed 40.1 km/h", "release certified at 8",
         "dry 178.4 m 179.5 m 1.00 84.0 % of samples 14 to 30 km/h", "wet 285.0 m 284.6 m 0.11 90.5 %"),
     "designs/asmc_published": (1, "gain on e: (J/r) rho + D 221.6 N m/(m/s), with (J/r) rho = 216.1",
         "gain on the integral of e: D rho 8.5", "gain on e: (J/r) rho + D 783.6",
