@@ -36,7 +36,7 @@ from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.catalogue import published_controller
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
 from railslip_ctrl.report import candidates, recommendation
 from railslip_ctrl.report import design_report as pages
 from railslip_ctrl.report.design_json import design_report_json
@@ -417,6 +417,34 @@ def test_a_controller_whose_hand_over_is_above_every_speed_is_not_called_unstabl
     assert "at the highest speed" not in said
 
 
+def test_the_rows_of_the_stops_belong_to_the_runs_that_they_name(robust):
+    def rows(report):
+        return {name: (value, where) for name, value, where in pages._rows(report)}
+
+    wrong = [stop for stop in robust.harder_stops if stop.errors != CHANGES]
+    longest = max(stop.distance for stop in wrong)
+    assert numbers_of(rows(robust)["Longest stop with errors"][0])[0] == pytest.approx(longest, rel=1e-3)
+    slipped = max(
+        (run for stop in (*robust.stops, *robust.harder_stops) for run in stop.runs), key=lambda x: x.max_slip
+    )
+    assert numbers_of(rows(robust)["Highest slip"][1])[-1] == pytest.approx(slipped.braking_distance, rel=1e-3)
+    over = robust.control.controlled_from  # the hand-over speed; the wheel locks in one stop above it, in one below
+    low, high = (
+        replace(stop, run=replace(stop.run, locked_fraction=0.1), rail=Rail.WET, locked_from=speed)
+        for stop, speed in zip(robust.stops, (0.9 * over, 2.0 * over), strict=False)
+    )
+    wet = next(name for name in rows(robust) if name.startswith("Stop, wet"))
+    here = [stop for stop in (*robust.stops, *robust.harder_stops) if stop.rail is Rail.WET and not stop.locks]
+    for more, text in (
+        ((low,), f"locks in 1 of {len(here) + 1} stops, only below"),
+        ((low, high), ", in 1 only below"),
+    ):
+        assert text in rows(replace(robust, stops=tuple(here), harder_stops=more))[wet][1]
+    best = replace(robust.trials[0], harder=(low, high))
+    (reason,) = [text for text in candidates._lacks(best, best.judgement) if "locks" in text]
+    assert f"at {2.0 * over * 3.6:.0f} km/h" in reason
+
+
 def test_stops_with_errors_and_a_changing_rail(robust):
     wrong = [one for one in robust.harder_stops if one.errors != CHANGES]
     laws = {one.law for one in robust.stops}
@@ -454,6 +482,8 @@ def test_the_speed_limit_of_a_vehicle_file_counts_with_and_without_its_table_of_
     assert (max(envelope.speeds), envelope.initial_speed, envelope.loads) == (160.0, 160.0, ("empty",))
     railtoolkit = load_envelope(ROOT / "designs/vehicles/siemens_desiro_classic.yaml")
     assert (max(railtoolkit.speeds), railtoolkit.initial_speed) == (120.0, 120.0)
+    coach = load_envelope(ROOT / "designs/vehicles/coach.toml")  # its table gives speeds
+    assert (max(coach.speeds), coach.initial_speed) == (100.0, 100.0)
 
 
 def test_where_none_qualifies_the_least_bad_is_told_with_the_reason_and_what_was_tried(robust):

@@ -188,6 +188,7 @@ def test_loops_in_a_batch_are_those_of_their_transfer_functions():
 @pytest.mark.parametrize("delays", [(0.8, 0.8, 0.8), (0.8, 0.8 * math.sqrt(0.5), 0.3 * math.pi)])
 def test_delays_commensurate_or_not_count_as_the_product_of_their_factors(delays):
     # (s + 1 + 0.5 q)(s - 0.3 + q)(s + 0.2 + 3 q): each factor counted as a dead-time loop of its own
+    assert complex(QuasiPolynomial([[0.0, 1.0, 2.0], [0.0]], 0.8)(3.0)) == 5.0  # leading zeros count for nothing
     product, expected = QuasiPolynomial([[1.0]], 0.8), 0
     for constant, weight, delay in ((1.0, 0.5, delays[0]), (-0.3, 1.0, delays[1]), (0.2, 3.0, delays[2])):
         late = QuasiPolynomial([[0.0], *product.times([weight]).terms], [0.0, *(x + delay for x in product.delays)])

@@ -169,6 +169,7 @@ def test_a_tube_wider_than_the_box_proves_nothing_and_a_bound_above_K_refutes_no
     found = predictive.demand(GAINS, PARK2008, case.rails[0], box)
     assert found.d < GAINS.switching_gain  # of |S| <= 600 N*m, but the tube is wider
     assert found.tube > box.surface
+    assert not any(predictive.HOLDS[name](GAINS, found) for name in (predictive.REACHING, predictive.WITHIN))
     assert predictive.decided("reaching within the torque limits", case, box)[0] is None
     for force in (0.2, 0.3):
         box = predictive.box_with(random_force=force)
