@@ -112,7 +112,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("tune --structure pdf", "error: --structure: 'pdf' is not known; choose one of pi, pi-lead, pid"),
     ("tune --ms-max 2 --lead 0.6", "error: --lead has no effect with structure 'pi'"),
     ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter has no effect with structure 'pi'"),
-    ("report --no-html --controller own.py", "the result of linear is invalid"),
+    ("report --no-html --controller own.py", "linear() has an invalid result"),
     ("report --no-html --out .", "--out: the working folder"),
     ("verify --law paper --adhesion law.toml", "--adhesion: dahl as given is not allowed with the law 'paper'"),
     ("verify --law paper --slip 0.1", "--slip: 0.1 is not allowed with the law 'paper'"),

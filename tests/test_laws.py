@@ -387,7 +387,7 @@ def test_laws_from_files(file) -> None:
     (SLIPS, "initial_speed = [30, 140]\ndry = [1]\nwet = [1, 1]", "reference_slip: dry, wet: 1 and 2 slips for 2"),
     (SLIPS, "initial_speed = [30, 30]\ndry = [1, 1]\nwet = [1, 1]", "reference_slip: initial_speed: "),
     *((LUGRE, f'law = "table"\n[parameters]\n{lists}', f"parameters: {told}: ") for lists, told in REFUSED_TABLES),
-    (LUGRE, 'law = "lugre"\nparameters = 3', "parameters: 3 is not allowed; give a table of keys"),
+    (LUGRE, 'law = "lugre"\nparameters = 3', "parameters: 3 is not allowed; give a table"),
     (LUGRE, OVER.replace("[6000, -10]", "6000"), "polynomials: Fc: 6000 is not allowed; give a list"),
     (LUGRE, OVER.replace("[6000, -10]", "[]"), "polynomials: Fc: a list is not allowed; give a list"),
     (LUGRE, OVER.replace("-10", "true"), "polynomials: Fc: True is not a number"),

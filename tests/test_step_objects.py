@@ -238,7 +238,7 @@ ALONE = "has no margins, because its linear system is not known"
     ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
     ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear has only linear(operating_point)"),
     ("Linear(lambda s, p: s)", "mine.py, line 12: linear returns Linear, ", None),
-    ("Stepped(lambda s, p: None)", "mine.py, line 12: the result of linear is invalid: controller: None", None),
+    ("Stepped(lambda s, p: None)", "mine.py, line 12: linear() has an invalid result: controller: None", None),
     ("Linear(lambda s, p: p.none)", "mine.py, line 29: linear fails with AttributeError: 'OperatingPoint'", None),
     ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
     ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),

@@ -324,7 +324,7 @@ def wheel(**options):
     (lambda: wheel(time=[-1.0]), ">= 0"),
     (lambda: wheel(time=[math.nan]), "finite"),
     (lambda: wheel(final_time=1.0, reference=math.nan), "not all of .* finite"),
-    (lambda: wheel(final_time=1.0, initial_plant_state=[1.0]), r"values of shape \(2,\)"),
+    (lambda: wheel(final_time=1.0, initial_plant_state=[1.0]), r"give shape \(2,\)"),
     (lambda: wheel(final_time=1e6), "at most 200000"),
     *((lambda x=x: step_response(ONE, ONE, x, final_time=1.0), "dead time") for x in (-0.1, math.nan, math.inf)),
     (lambda: step_response(gain(-1.0), rational([1, 2], [1, 5]), 0.0, final_time=1.0), "algebraic loop"),

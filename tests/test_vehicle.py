@@ -227,7 +227,7 @@ WRONG_KEYS = {
     ),
     "mass_loaded = 9": "mass_loaded: 9 is not allowed; give a value >= mass = 10 (kg)",
     "wheel.radios = 1": "wheel.radios: unknown key; did you mean 'radius'? allowed: radius, inertia, viscous_friction",
-    "wheel = 3": "wheel: 3 is not allowed; give a table of keys",
+    "wheel = 3": "wheel: 3 is not allowed; give a table",
     "axles = 4": "axles is used only with rolling_stock; remove axles",
 }
 WRONG_TOML = {

@@ -1,4 +1,4 @@
-"""Writes a controller and its guard as C99, in a header and a source file.
+"""Writes a controller as C99, with the guard for bad samples and locked wheels, in a header and a source file.
 
 The module `c_function` translates the Python functions that simulations call. All numbers in C are double, or float if
 the macro PREFIX_FLOAT32 is defined, where PREFIX is the program's name in capitals.

@@ -138,7 +138,9 @@ def _kind_of(content: dict[str, Any], path: Path, where: str) -> type[Controller
         own: Any = given if inspect.isclass(given) else type(given)
         if not is_kind(own) or own.kind != kind:
             remedy = f"give kind = {own.kind!r}" if is_kind(own) else "assign a controller class to CONTROLLER"
-            raise InputError(f"{where}: kind: {shown(kind)} is not the kind of CONTROLLER in {python}; {remedy}")
+            raise InputError(
+                f"{where}: kind: {shown(kind)} is not the kind of the variable CONTROLLER in {python}; {remedy}"
+            )
         return own
     if not isinstance(kind, str) or kind not in kinds:
         fault = "is missing" if kind is None else f"{shown(kind)} is not known"

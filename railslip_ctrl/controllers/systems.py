@@ -253,7 +253,7 @@ def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearCo
         try:
             return linear_controller(system)
         except InputError as error:
-            raise InputError(f"controller {name}: {place_of(linear)}the result of linear is invalid: {error}") from None
+            raise InputError(f"controller {name}: {place_of(linear)}linear() has an invalid result: {error}") from None
     raise InputError(
         f"controller {name}: {place_of(linear)}linear returns {_name(system)}, which is not a linear system; return a "
         "python-control system"

@@ -327,7 +327,7 @@ class Layout:
         return f"{array}[{first + names.index(name)}]" if name in names else None
 
     def array_header(self, role: str, name: str) -> int | None:
-        """Return the index in `_c` of the start index of an array field; the next number is the array's length.
+        """Return the index i for an array field: `_c[i]` is the position of its first number, `_c[i + 1]` its length.
 
         None if the field is not an array.
         """
@@ -347,8 +347,8 @@ ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
 def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
     """Return the translation of `step` and of the functions that it calls, as text for the compiled simulation.
 
-    The last function of the text has the name `command` and calls `step`. The arguments of this
-    function are `ARGUMENTS`, then the arguments of `step` that are not records.
+    The last function of the text has the name `command` and calls `step`. It has the arguments `ARGUMENTS`, then the
+    arguments of `step` other than state, measurement and parameters.
     """
     functions = [function for function in step.all().values() if not function.is_outside]
     printed = [f"@compiled\n{ast.unparse(_Printer(function, layout).printed())}\n" for function in functions]

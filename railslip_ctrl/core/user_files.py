@@ -37,7 +37,7 @@ _RANGES = {
 _KINDS = {
     **{"string_type": "text in quotes", "bool_type": "true or false"},
     **dict.fromkeys(("int_type", "int_from_float", "int_parsing"), "an integer"),
-    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "a table of keys"),
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "a table with lines key = value"),
     **dict.fromkeys(("list_type", "tuple_type"), "a list"),
     **dict.fromkeys(("float_type", "float_parsing"), "a number"),
 }

@@ -64,7 +64,7 @@ class Compensator:
 
 
 def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensator:
-    """Return the classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)).
+    """Return the classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)) with q = exp(-tau s).
 
     - plant: G, the plant without dead time.
     - dead_time: tau, s, >= 0.

@@ -445,7 +445,7 @@ class Decomposition:
     def _unstable_from(
         self, system: Rational, factor: Callable[[float], float], highest: Callable[[float], float]
     ) -> float:
-        """Return a gain from which up the inequality of the module docstring holds, so that the loop is unstable.
+        """Return a gain at and above which the loop is unstable, by the inequality of the module docstring.
 
         With a gain k, |L| is at least factor(k) times |system| up to the frequency highest(k), rad/s.
         """

@@ -427,7 +427,10 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
 
 
 def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
-    """Return ln ki near `start` with `met` true, and one with `met` false (if any); None if `met` is never true."""
+    """Return two values of ln ki near `start`: `met` is true at the first and false at the second.
+
+    Both are equal if no false value is found; None if no true one is found.
+    """
     first, here = bool(met(start)), start
     while step < (_FAR_UP if first else _FAR_DOWN):
         ahead = here + (step if first else -step)

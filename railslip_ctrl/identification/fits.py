@@ -132,8 +132,9 @@ def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> t
     """Covariance of p parameters, (p, p), by a jackknife over the tests, and degrees of freedom.
 
     The `residuals` at the least-squares solution have variance 1. `slopes` is their Jacobian, (residuals, p), of full
-    rank. `test` has, for each residual, the number of its test, from 0. Returns None if the tests agree, if there are
-    too few tests, or if a single test has nearly all information on some combination of parameters.
+    rank. `test` has, for each residual, the number of its test, from 0. Returns None if noise explains the differences
+    between the tests, if there are too few tests, or if a single test has nearly all information on some combination
+    of parameters.
     """
     tests, size = int(test.max(initial=-1)) + 1, slopes.shape[1]
     if tests < max(LEAST_TESTS, size + 2):
@@ -581,8 +582,8 @@ def fit(
     """Fit a model to the cells: minimise the sum of (mu - mu of the model)^2 over all samples, within the bounds.
 
     The models in `SLIDING_ALONE` are fitted only to cells with slip ratios of at least `sliding_from`. `tau` is the
-    observer's time constant, s. Without `profiles` every interval is symmetric. InputError if there are not more cells
-    than parameters.
+    observer's time constant, s. Without `profiles` every confidence interval of a parameter is symmetric. InputError if
+    there are not more cells than parameters.
     """
     used = cells.slip >= sliding_from if model.name in SLIDING_ALONE else np.ones(len(cells.slip), dtype=bool)
     if used.sum() <= len(model.names):
@@ -677,8 +678,8 @@ def long_run_variance(
 
     The data are divided into stretches of time. The variance is computed for several lengths of the stretches, because
     short ones do not show the scatter from run to run. The largest variance with enough degrees of freedom is returned.
-    `mean` is the model's mean mu in each cell. `used` is True for the cells that were fitted. `parameters` is the
-    number of fitted parameters, and `tau` the observer's time constant, s (0: no observer).
+    `mean` is the model's mean mu in each cell of slip and speed. `used` is True for the cells that were fitted.
+    `parameters` is the number of fitted parameters, and `tau` the observer's time constant, s (0: no observer).
     """
     entry = used[stretches.cell]
     stretch, length = stretches.stretch[entry], stretches.length

@@ -122,8 +122,8 @@ class Lag:
 class Shifted:
     """Fits a model again for trial delays of the wheel speed.
 
-    Only the start of the record is used: as many whole runs as have at most `_MOST_ROWS` rows together. If the first
-    run is longer, only its first `_MOST_ROWS` rows are used.
+    Only the first runs of the record are used: whole runs, with at most `_MOST_ROWS` rows in total. If the first run is
+    longer, only its first `_MOST_ROWS` rows are used.
     """
 
     def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:

@@ -302,7 +302,7 @@ def check_model(name: str) -> None:
     """Raise InputError with the known names if `name` is neither a model nor "best"."""
     if name != "best" and name not in _MODELS:
         hint = close_match(name, _MODELS)
-        raise InputError(f"`model`: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")
+        raise InputError(f"`model`: {shown(name)} cannot be fitted; {hint}choose 'best' or one of {', '.join(_MODELS)}")
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:

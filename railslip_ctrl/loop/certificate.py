@@ -421,7 +421,7 @@ class _Sum:
         return _Part(value, value + rates * offset, rates)
 
     def total(self, omega: arb) -> arb:
-        """Sum of the magnitudes of all terms before the division by s^removed."""
+        """Sum of |c| omega^k over the coefficients c of s^k in all polynomials, without the division by s^removed."""
         return sum(
             (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
         )

@@ -191,7 +191,8 @@ class ExactLoop:
     def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
         """All frequencies > 0, rad/s, of a `kind`, ascending, and their multiplicities.
 
-        `kind` is `GAIN`, `SIZE`, `PHASE` or `AXIS`. Each frequency is a ball of relative width 2^-bits.
+        `kind` is `GAIN` (|L| = 1), `SIZE` (extrema of |L|), `PHASE` (extrema of arg L) or `AXIS` (zeros and poles on
+        the imaginary axis). Each frequency is a ball of relative width 2^-bits.
         """
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):

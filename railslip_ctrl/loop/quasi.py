@@ -123,7 +123,7 @@ class QuasiPolynomial:
 
     @property
     def undelayed(self) -> Floats:
-        """Coefficients, in descending powers of s, of the sum (without s^-removed) with all delays set to 0."""
+        """Coefficients of F(s) s^`removed` with all delays set to 0, in descending powers of s."""
         return reduce(lambda a, b: np.asarray(np.polyadd(a, b), dtype=float), self.terms)
 
     @property
@@ -178,8 +178,8 @@ class DelayedRatio:
     def __post_init__(self) -> None:
         if self.numerator.removed != self.denominator.removed:
             raise InputError(
-                f"delayed ratio: the numerator has removed = {self.numerator.removed}, the denominator removed = "
-                f"{self.denominator.removed}; give both the same `removed`"
+                f"delayed ratio: `removed` is {self.numerator.removed} in the numerator and {self.denominator.removed} "
+                "in the denominator; give both the same value"
             )
 
     def __call__(self, s: ArrayLike) -> Complexes:

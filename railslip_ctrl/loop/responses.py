@@ -160,11 +160,12 @@ def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
     if given is None:
         return start
     state = np.asarray(given, dtype=float)
-    if state.shape != (plant_order,) or not np.isfinite(state).all():
+    if state.shape != (plant_order,):
         raise InputError(
-            f"initial plant state: the array has shape {np.shape(given)} or a value that is not finite; give finite "
-            f"values of shape ({plant_order},), one per state of the plant"
+            f"initial plant state: the array has shape {state.shape}; give shape ({plant_order},), one value per state"
         )
+    if not np.isfinite(state).all():
+        raise InputError(f"initial plant state: not all of {state.tolist()} are finite; give finite values")
     start[order - plant_order :] = state
     return start
 
@@ -230,7 +231,7 @@ class Equations:
     f: Floats
 
     def without_delay(self) -> Equations:
-        """Equations of the closed loop without dead time: w = u is eliminated, so that b and d are 0."""
+        """Equations for tau = 0: the delayed command w equals u and is eliminated, so that b and d are 0."""
         gap = 1.0 - self.d[1]
         if abs(gap) < _WELL_POSED:
             raise InputError(

@@ -595,7 +595,7 @@ class Step(NamedTuple):
 
 
 def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Boxes], list[tuple[float, float]]]:
-    """Divide boxes; return the parts that may contain a root, and the roots (dead time in periods, theta in rad)."""
+    """Divide boxes; return parts that may contain a root, and roots found (dead time in periods, angle in rad)."""
     expansion = response.expand(boxes.theta, boxes.fraction)
     top, rest, level = expansion.bounds(boxes.half, boxes.half_fraction)
     still = expansion.bounds(boxes.half)[2]

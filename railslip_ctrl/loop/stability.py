@@ -248,7 +248,7 @@ def _ordered(poles: Complexes) -> Complexes:
 
 
 def _confirmed(system: Rational, dead_time: float, poles: Complexes, count: int) -> bool:
-    """True if the exact root count agrees with `poles` right of a vertical line near pole number `count`."""
+    """True if the exact root count right of a vertical line equals the number of `poles` right of this line."""
     # the line lies just left of pole number `count`
     scale = 1e-9 * abs(poles[count - 1])
     edge = float(poles.real[count - 1]) - scale

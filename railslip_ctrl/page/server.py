@@ -61,7 +61,7 @@ class Dispatcher:
 
     @contextmanager
     def opened(self) -> Iterator[Dispatcher]:
-        """Start processes that answer slow requests; this process answers if others could not import a user's class."""
+        """Start processes that answer slow requests; with a law or controller of the user this process answers."""
         with processes(1) as medium, processes(2) as slow:
             self._pools = [(threading.Semaphore(n), partial(self._answer_by, by)) for n, by in ((1, medium), (2, slow))]
             if not self._sent:

@@ -214,7 +214,7 @@ def law_text(law: AdhesionLaw, source: str) -> str:
 
 
 def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
-    """Return the file of an adhesion law, or "published" if the law equals `published()`, otherwise "given"."""
+    """Return the file of an adhesion law; without a file "published" if the law equals `published()`, else "given"."""
     if law.file is not None:
         return law.file
     try:

@@ -353,7 +353,8 @@ def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
     content |= {"name": path.stem, **own}
     for table in (name for name in _TABLES if name in keys):
         if not isinstance(keys[table], dict):
-            raise InputError(f"{where}: {table}: {shown(keys[table])} is not allowed; give a table of keys")
+            fault = f"{shown(keys[table])} is not allowed; give a table with lines key = value"
+            raise InputError(f"{where}: {table}: {fault}")
         extended = {} if base is None else getattr(base, table).model_dump(exclude_none=True)
         content[table] = {**extended, **keys[table]}
     content |= _vehicle_and_law(keys, base, path)

@@ -274,10 +274,11 @@ def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
-    """Return a dictionary of the effects of the published changes at 25 s of an undisturbed stop without actuator.
+    """Return the effects of changed parameters, as in the paper at 25 s, in a stop without disturbances and actuator.
 
     - end, speed: end of the stop, s; speed at 25 s, m/s (None if the stop ends earlier).
-    - theta_step, jump: step of theta1, 1/(kg m), and of V, m^2/s^2, as the mass changes, if theta_tilde = 0 before.
+    - theta_step: step of theta1 when the mass changes, 1/(kg m).
+    - jump: step of V when the mass changes, m^2/s^2; theta_tilde is 0 before the change.
     - friction_level: V, m^2/s^2, due to theta2_tilde at 25 s, with B = 0.25 - 0.01 t and constant theta2_hat.
     - surface_step: step of s, m/s, if the reference slip becomes that of wet rail (None if the stop ends earlier).
     """

@@ -280,7 +280,7 @@ def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) ->
 
 
 def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> float:
-    """Return the time, s, in which s falls from `start` (m/s) to 0 without disturbances; inf for K = 0."""
+    """Return the time in seconds in which s falls from `start` (m/s) to 0 without disturbances; inf for K = 0."""
     if K == 0.0:
         return math.inf
     return math.log1p(D * abs(start) / K) * vehicle.effective_inertia / (vehicle.wheel.radius * D)

@@ -112,7 +112,7 @@ def dead_zone_proved() -> bool:
 
 @cache
 def projection_proved() -> bool:
-    """Prove that the cross term of V' is 0 inside a box with theta and <= 0 on its faces if theta_hat is projected."""
+    """Prove: if theta_hat is projected onto a box that contains theta, the cross term of V' is <= 0, and 0 inside."""
     made = derive()
     rate = sp.expand(_lyapunov_rate(made, _error_rate(made)))
     cross = sp.expand(rate - rate.subs(dict.fromkeys(TILDE, 0)))
@@ -182,7 +182,7 @@ def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
 
 
 def effective_torque(vehicle: Vehicle) -> float:
-    """Return the effective disturbance (J/r) d_max over `robust_set`, N*m, which is the least K of (40)."""
+    """Return (J/r) d_max over `robust_set`, N*m: the least gain K above which [Park2008] (40) holds."""
     return reaching.least_gain(vehicle, robust_set(vehicle))
 
 

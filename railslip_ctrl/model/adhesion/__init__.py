@@ -134,7 +134,7 @@ class LawFile(Record):
 
 
 class SlipsOverSpeed(Record):
-    """Table `[reference_slip]` with slips that depend on v0; slips between the speeds are interpolated linearly."""
+    """Table `[reference_slip]` with a slip for each initial speed v0, linearly interpolated between these speeds."""
 
     initial_speed: tuple[float, ...] = quantity("km/h", "initial speeds v0, ascending")
     dry: tuple[float, ...] = quantity("1", "slip ratios at these speeds, dry rail")

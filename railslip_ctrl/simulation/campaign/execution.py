@@ -111,7 +111,7 @@ def measured(name: str) -> Measure:
 
 
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
-    """Return the results of a run by column; if `run` is None (sampled values not allowed), the measures are None."""
+    """Return the results of a run by column; measures are None if `run` is None (values drawn for it not allowed)."""
     outcome = REFUSED if run is None else run.outcome.value
     measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
     return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}

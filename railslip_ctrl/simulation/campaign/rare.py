@@ -97,9 +97,10 @@ class Event(NamedTuple):
 class Stops:
     """Function that simulates stops of a campaign; the result is the `measure` of each stop, or inf without a result.
 
-    - groups: range of inputs of each quantity, of the random force and of the sensor noise; the keys are their names.
-    - counts: number of stops so far, and number of stops that are not simulated to their end: a value is not allowed,
-      or the simulation fails.
+    - groups: name of each quantity, of the random force and of the sensor noise, with the slice of its entries in the
+      vector of random inputs.
+    - counts: number of stops so far, and number of stops that did not reach their end, because a value was not allowed
+      or the simulation failed.
 
     InputError for a campaign with several controllers, with a grid, or without a random input.
     """
@@ -201,8 +202,8 @@ class RareEvent:
     - subset, importance: estimates by subset simulation and by importance sampling, with 95 % interval and coefficient
       of variation, ratios; `importance` is None if no stop had the event.
     - levels: thresholds of the levels of subset simulation, in the unit of the event.
-    - shares: how much each quantity, the random force and the sensor noise contribute to the event, ratios: share in
-      the squared length of the vector of mean random inputs of the stops with the event.
+    - shares: contribution of each quantity, of the random force and of the sensor noise to the event, ratios. The
+      random inputs are averaged over the stops with the event; a share is the part of the squared length of this mean.
     - stop: most likely stop with the event; None if no stop had the event, or if the values of this stop are not
       allowed.
     - tail: probability that the result of a stop is worse than a value, as a function of this value.

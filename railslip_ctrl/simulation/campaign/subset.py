@@ -77,7 +77,7 @@ class Sampled(NamedTuple):
 
 
 def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smallest: float, count: int) -> Levels:
-    """Choose thresholds and steps of levels with decreasing probability, with `count` points in each level.
+    """Choose thresholds and step sizes for levels of decreasing probability; each level has `count` points.
 
     The search ends when at least a tenth of the points of the last level have the event, when the probability of the
     last level is about ten times `smallest`, or when all points have the same value.
@@ -213,7 +213,7 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 
 def repeated(found: Repeat) -> float:
-    """Return the share of new points whose finite value equals that of another point, in the worst level."""
+    """Return the share of newly drawn points with the same finite value as another point; the largest of all levels."""
     new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
     different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
     return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))
