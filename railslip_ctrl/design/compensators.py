@@ -201,7 +201,7 @@ def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tup
 def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
     values = np.asarray(poles, dtype=complex)
     if values.size != count:
-        raise InputError(f"{name}: {values.size} poles are not allowed; give {count}")
+        raise InputError(f"{name}: {values.size} given; give {count}")
     if not (np.isfinite(values).all() and np.all(values.real < 0)):
         raise InputError(f"{name}: {list(poles)} are not all left of the imaginary axis; give negative real parts")
     if np.abs(np.poly(values).imag).max() > 1e-9 * np.abs(np.poly(values)).max():
