@@ -89,7 +89,7 @@ def test_a_script_that_starts_processes_as_it_is_imported_is_told(tmp_path: Path
     script.write_text(f"{start}with processes(1) as submit:\n    print(submit(abs, -3).result())\n")
     out, err = started(str(script)).communicate(timeout=ENDED)
     assert out == ""
-    assert 'put the call under if __name__ == "__main__":' in err.splitlines()[-1]
+    assert 'if __name__ == "__main__":' in err.splitlines()[-1]
     assert err.count("Traceback") == 1  # of the script, not of the process
 
 
