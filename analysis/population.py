@@ -6,8 +6,8 @@ the largest with Ms <= 2.
 
 In 1000 stops (seeds 9000 to 9999), without errors and with errors in half of the stops:
 
-- Half of the seeking controller's stops are at most 8.1 % (8.8 % with errors) longer than the attainable stop, 95 of
-  100 at most 31 % (35 %). The wheel locks above the hand-over speed in 0.9 % (1.2 %) of them.
+- Half of the seeking controller's stops are at most 5.9 % (7.5 % with errors) longer than the attainable stop, 95 of
+  100 at most 28 % (35 %). The wheel locks above the hand-over speed in 0.3 % (1.0 %) of them.
 - The excess is largest with a narrow peak, or with a heavy car that hands over above 40 km/h.
 - The PI-lead, which knows the rail, has a median of 6.8 % (9.9 %), but 5 of 100 stops take more than twice the
   attainable distance, and 3.4 % (4.3 %) lock.

@@ -5,7 +5,7 @@ steep curve, and low speed. Results, which the tests check:
 
 - A wheel at the dry peak locks after a change to wet rail even if the brake is released at the instant of the change.
   This holds below 48 km/h (curve, empty) and 57 km/h (polach); with a brake 30 % slower it holds below 62 and 75 km/h.
-  Polach's runs that lock after a change at 90 m are of this kind; no other run locks above 6 km/h.
+  Polach's runs that lock after a change at 90 m are of this kind; no other run locks above 7 km/h.
 - With a brake 30 % slower, a controller that works at the dry peak of curve, empty, therefore always locks after a
   change at 90 m. On polach, a controller that works at the dry peak and releases immediately after a change at 40 m
   stops 15 % over the bound.

@@ -37,8 +37,8 @@ from .predictive import (
 
 # approach
 LEAD = 0.16  # slip ratio that the torque above the holding torque adds in a reaction time
-WEAKEST = 0.045  # adhesion coefficient that every rail has: the torque of the first moment is safe on it
-AHEAD = 1.5  # largest ratio of the predicted slip, where E is evaluated, to the present slip: beyond, the fit guesses
+MOST = 0.22  # adhesion coefficient: largest torque above the holding torque, per wheel load and radius
+WEAKEST = 0.06  # adhesion coefficient of a very weak rail: the first torque is that of such a rail
 # fitted curve
 PRIOR = 0.5  # adhesion coefficient: standard deviation, before any measurement, of mu from a curve without a peak
 BRAKE_ERROR = 0.15  # standard deviation of dead time and lag, half of a tolerance of 30 %: samples of a changing torque
@@ -47,11 +47,11 @@ PULL = 0.35  # rise of E that cancels the bias of the random force at rest, per 
 # memory and return
 NARROW = 0.04  # slip of a peak below which the slip is brought back; past a wider peak the sliding-mode law does so
 SHORT = 0.8  # share of a slip that counts as just below it
-LESS = 0.9  # share of the highest adhesion that shows that its slip has been passed, and that is held after a return
-TWICE = 2.0  # ratio to the slip of the peak that counts as far past it; reaction times of the wait after a return
+LESS = 0.9  # share of the highest adhesion that shows that its slip has been passed
+TWICE = 2.0  # ratio to a slip that counts as far beyond it
+HELD, LOW_SPEED = 0.97, 0.12  # share of the highest adhesion held after a return; by how much less at hand-over speed
 SLOWLY = 8.0  # reaction times in which the remembered adhesion fades; two returns within them show swinging adhesion
-MORE = 1.2  # highest peak that the limits after a return rise towards, over the remembered peak
-RISEN = 1.08  # ratio of adhesion to what it was before that shows a better rail
+RISEN = 1.05  # ratio of adhesion to what it was before that shows a better rail, above the noise of the random force
 # not tuned: the plant's random force, the free wheel, the judged slip and the hand-over
 _NOISE, _NOISE_HOLD = RANDOM_FORCE / RIG_WHEEL_LOAD, 0.02  # standard deviation of the adhesion coefficient; its hold, s
 _ROLLING = 0.6  # share of the dead time in which the wheel rolls free even if the brake acts 30 % sooner than believed
@@ -99,7 +99,7 @@ class Seeking(Predictive):
         torque_limit: float = quantity("N*m", "largest holding torque after a return; 0: none", default=0.0)
         returning: float = quantity("1", "1: the slip is brought back from past the peak", default=0.0)
         calm: float = quantity("s", "time since the last return", default=0.0)
-        swings: float = quantity("1", "1: adhesion swings, so the slip is not brought back", default=0.0)
+        swings: float = quantity("1", "half the returns soon after another; from 1 on, none follows", default=0.0)
         waiting: float = quantity("s", "remaining wait after a return", default=0.0)
         free_time: float = quantity("s", "time for which the slip has been negative", default=0.0)
         mean_torque: float = quantity("N*m", "mean of the adhesion torque", default=0.0)
@@ -221,45 +221,51 @@ def remember(x: Any, p: Any, v: float) -> Any:
         x.top_torque += slow * (x.remembered_torque - x.top_torque)
     if idle and x.torque_limit > 0.0:
         lift_limits(x, p, 3.0 * slow)
-    known = x.top_torque > WEAKEST * p.wheel_load * p.radius and 0.0 < x.top_slip < NARROW
+    known = x.top_torque > 0.5 * WEAKEST * p.wheel_load * p.radius and 0.0 < x.top_slip < NARROW
     fallen = x.adhesion_torque < x.remembered_torque < LESS * x.top_torque
     past = TWICE * x.top_slip * v
     far = x.slip_ahead > past + 3.0 * noise and x.filtered_sigma > past
     x.calm += p.period
     begins = idle and x.handed_over == 0.0 and known and fallen and far
     if begins and x.torque_limit > 0.0 and x.calm < SLOWLY * reaction:
-        x.swings, x.slip_limit, x.torque_limit = 1.0, 1.0, 0.0
-        x.reference_slip = max(x.top_slip, x.reference_slip)
-    elif begins and x.swings == 0.0:
+        x.swings += 0.5
+    if begins and x.swings < 1.0:
         x.returning, x.starting = 1.0, 0.0
         x.slip_limit = min(SHORT * x.top_slip, x.slip_limit)
-        most = LESS * x.top_torque
-        x.torque_limit = min(most, x.torque_limit) if x.torque_limit > 0.0 else most
+        x.torque_limit = min(x.top_torque, x.torque_limit) if x.torque_limit > 0.0 else x.top_torque
+    elif begins:
+        x.slip_limit, x.torque_limit = 1.0, 0.0
+        x.reference_slip = max(x.top_slip, x.reference_slip)
     x.reference_slip = min(x.reference_slip, x.slip_limit)
     return noise
 
 
 def lift_limits(x: Any, p: Any, share: float) -> None:
-    """Lift the limits after a return by a share of their distance to just below the peak of the fitted curve.
+    """Lift the limits after a return by a share of their distance to those of the peak of the fitted curve.
 
-    They stay below `MORE` times the remembered peak.
+    That peak counts as at most the remembered one divided by `SHORT`.
     """
     if x.curve[0] > 0.0:
         root = math.sqrt(x.curve[0] * x.curve[2])
-        top = min(p.wheel_load * p.radius / max(x.curve[1] + 2.0 * root, 1e-3), MORE * x.top_torque)
-        x.torque_limit += share * max(LESS * top - x.torque_limit, 0.0)
-        top = min(x.curve[0] / max(root, 1e-9), MORE * x.top_slip)
+        top = min(p.wheel_load * p.radius / max(x.curve[1] + 2.0 * root, 1e-3), x.top_torque / SHORT)
+        x.torque_limit += share * max(top - x.torque_limit, 0.0)
+        top = min(x.curve[0] / max(root, 1e-9), x.top_slip / SHORT)
         x.slip_limit += share * max(SHORT * top - x.slip_limit, 0.0)
+
+
+def held_share(x: Any, p: Any) -> Any:
+    """Return the share of the highest adhesion torque that is held after a return, less at low speed."""
+    return HELD - LOW_SPEED * p.hand_over_speed / max(x.speed_ahead, p.hand_over_speed)
 
 
 def come_back(x: Any, p: Any, noise: float) -> Any:
     """Return the command, N*m, that brings the slip below the adhesion peak in dead time plus observer time."""
     reaction, goal = p.dead_time + p.observer_time, x.reference_slip * x.speed_ahead
-    if x.slip_ahead > goal / SHORT + TWICE * noise:
+    if x.slip_ahead > goal / SHORT + 3.0 * noise:
         return quickly(x, p, x.holding_torque - p.wheel_inertia / p.radius / reaction * (x.sigma_ahead - goal))
-    x.returning, x.waiting, x.calm = 0.0, TWICE * reaction, 0.0
-    x.mean_torque = x.quick_torque = LESS * x.top_torque
-    return quickly(x, p, LESS * x.top_torque)
+    x.returning, x.waiting, x.calm = 0.0, reaction, 0.0
+    x.mean_torque = x.quick_torque = held_share(x, p) * x.top_torque
+    return quickly(x, p, x.mean_torque)
 
 
 def limited(x: Any, p: Any, torque: float, reference: float) -> Any:
@@ -270,15 +276,15 @@ def limited(x: Any, p: Any, torque: float, reference: float) -> Any:
     """
     x.waiting = max(x.waiting - p.period, 0.0)
     ratio, slip = p.wheel_inertia / p.radius, x.filtered_sigma / x.filtered_speed
-    highest = max(x.remembered_slip, slip)
+    highest = x.slip_ahead / x.speed_ahead if x.waiting > 0.0 else max(x.remembered_slip, slip)
     if x.handed_over == 0.0 and x.waiting <= 0.0 and highest < SHORT * reference and x.curve[0] > 0.0:
         known = LESS * p.wheel_load * p.radius * reference / denominator(x, reference)
         lead = 0.5 * lead_torque(x, p, x.speed_ahead, elasticity_at(x, max(slip, 0.0)))
         torque = max(torque, quickly(x, p, min(known, x.holding_torque + lead) + ratio * x.deceleration))
     if x.torque_limit == 0.0:
         return torque
-    held = min(x.torque_limit, LESS * x.top_torque) if x.waiting > 0.0 else x.torque_limit
-    most = quickly(x, p, held + ratio * x.deceleration)
+    top = min(x.torque_limit, x.top_torque) if x.waiting > 0.0 else x.torque_limit
+    most = quickly(x, p, held_share(x, p) * top + ratio * x.deceleration)
     return most if highest < reference else min(torque, most)
 
 
@@ -289,6 +295,7 @@ def lead_torque(x: Any, p: Any, v: float, seen: float) -> Any:
     - seen: E.
     """
     lead = LEAD * v * p.wheel_inertia / p.radius / (p.dead_time + p.observer_time)
+    lead = min(lead, MOST * p.wheel_load * p.radius)
     return lead * min(max((seen - p.elasticity) / 0.5, 0.0), 1.0)
 
 
@@ -406,7 +413,8 @@ def approach(x: Any, p: Any, v: float, sigma: float) -> Any:
         x.mean_holding += p.period / MEAN_TIME * (x.holding_torque - x.mean_holding)
     slip, seen = x.filtered_sigma / x.filtered_speed, 1.0
     if x.reference_slip > 0.0:
-        seen = elasticity_at(x, max(min(x.slip_ahead / x.speed_ahead, AHEAD * slip), slip))
+        late = 2.0 * BRAKE_ERROR * p.lag * x.slip_rate  # m/s, slip that a lag longer by the tolerance adds
+        seen = elasticity_at(x, max(min((x.slip_ahead + late) / x.speed_ahead, TWICE * slip), slip))
         large = sigma + 0.9 * p.dead_time * x.slip_rate > 0.85 * p.largest_slip * v
         if large:
             x.reference_slip = p.largest_slip
@@ -427,7 +435,8 @@ def restart(x: Any, p: Any, v: float, slip: float, reference: float) -> None:
     if slip > reference / SHORT:
         x.mean_torque = x.quick_torque
     x.free_time = x.free_time + p.period if slip < 0.0 and x.torque_limit == 0.0 else 0.0
-    rises = x.quick_torque > RISEN * max(x.mean_torque, x.top_torque) and slip < SHORT * reference
+    force = 3.0 * _NOISE * math.sqrt(_NOISE_HOLD / (2.0 * (p.observer_time + QUICK_TIME))) * p.wheel_load * p.radius
+    rises = x.quick_torque > RISEN * max(x.mean_torque, x.top_torque) + force and slip < SHORT * reference
     if v > 1.1 * p.fade_speed and (x.free_time > p.dead_time or (rises and x.waiting <= 0.0)):
         x.starting, x.slip_limit, x.torque_limit, x.top_torque = 2.0, 1.0, 0.0, x.remembered_torque
         x.reference_slip, x.free_time = max(x.filtered_sigma / x.filtered_speed, _LOWEST), 0.0
