@@ -6,7 +6,6 @@ import copy
 import json
 import math
 import re
-from pathlib import Path
 from types import SimpleNamespace
 
 import control as ct
@@ -36,7 +35,7 @@ from railslip_ctrl.simulation.bound import attainable_stop, clairvoyant_stop
 CONTROL = Seeking.for_vehicle(PARK2008)
 NAMED = Seeking.for_vehicle(PARK2008, name="seeking")
 PERIOD = 0.01
-DESIGNS = Path(__file__).parents[1] / "designs/vehicles"
+GAIN = CONTROL.lag * (CONTROL.reaching_rate + CONTROL.switching_gain / CONTROL.layer)  # torque to rate of the command
 
 
 @pytest.fixture
@@ -214,9 +213,8 @@ def test_the_lead_of_an_approach_shrinks_with_the_elasticity(p, state, elasticit
     lead = 0.16 * v * p.wheel_inertia / p.radius / (p.dead_time + p.observer_time)
     assert (lead > 0.22 * p.wheel_load * p.radius) == (heavier > 1.0)
     lead = share * min(lead, 0.22 * p.wheel_load * p.radius)
-    gain = CONTROL.lag * (CONTROL.reaching_rate + CONTROL.switching_gain / CONTROL.layer)
     command = step.approach(state, p, v, 0.02 * v)
-    assert command == pytest.approx(ahead + gain * (held + lead - ahead))
+    assert command == pytest.approx(ahead + GAIN * (held + lead - ahead))
     assert state.starting == 1.0
 
 
@@ -242,15 +240,13 @@ def test_an_approach_ends_sooner_with_a_long_lag(p, state):
 def test_until_adhesion_is_seen_the_torque_is_that_of_the_weakest_rail(p, state):
     """0.06 of the wheel load, whatever the lead."""
     state.starting, state.filtered_speed = 1.0, 1e-3
-    gain = CONTROL.lag * (CONTROL.reaching_rate + CONTROL.switching_gain / CONTROL.layer)
-    assert step.approach(state, p, 1e-3, 0.0) == pytest.approx(gain * 0.06 * CONTROL.wheel_load * 0.43, rel=1e-3)
+    assert step.approach(state, p, 1e-3, 0.0) == pytest.approx(GAIN * 0.06 * CONTROL.wheel_load * 0.43, rel=1e-3)
 
 
 @pytest.mark.parametrize(("first_slip", "starts"), [(0.08, 2.0), (0.5, 0.0)])
 def test_it_starts_anew_where_the_rail_holds_more_and_not_where_slip_comes_back(p, state, first_slip, starts):
     """Adhesion rises by 60 % in 0.4 s: below the reference it is the rail's, from past the peak the slip's."""
-    state.mean_torque = state.quick_torque = 1500.0
-    state.filtered_speed = 15.0
+    state.mean_torque, state.quick_torque, state.filtered_speed = 1500.0, 1500.0, 15.0
     for share in np.linspace(0, 1, 41):
         state.adhesion_torque = 1500.0 + 900.0 * share
         step.restart(state, p, 15.0, first_slip + (0.08 - first_slip) * share, 0.1)
@@ -354,10 +350,7 @@ def remember_past_a_peak(state, p, slip, torque):
     step.remember(state, p, v)
 
 
-@pytest.mark.parametrize(
-    ("slip", "torque", "returning"),  # second: adhesion is as high as it was; third: not far past the peak
-    [(0.08, 1500.0, 1.0), (0.08, 1900.0, 0.0), (0.025, 1500.0, 0.0)],
-)
+@pytest.mark.parametrize(("slip", "torque", "returning"), [(0.08, 1500, 1.0), (0.08, 1900, 0.0), (0.025, 1500, 0.0)])
 def test_slip_returns_where_adhesion_has_fallen_far_past_a_narrow_peak(p, state, slip, torque, returning):
     remember_past_a_peak(state, p, slip, torque)
     assert state.returning == returning
@@ -374,6 +367,15 @@ def test_the_third_of_returns_in_quick_succession_shows_swinging_adhesion(p, sta
         found.append((state.returning, state.slip_limit < 1.0, state.torque_limit > 0.0))
     assert found == [(1.0, True, True), (1.0, True, True), (0.0, False, False)]
     assert state.reference_slip == 0.11
+
+
+def test_a_return_ends_three_standard_deviations_above_its_slip_and_then_waits(p, state):
+    for above, returning in ((3.1, 1.0), (2.9, 0.0)):
+        state.returning, state.reference_slip, state.speed_ahead = 1.0, 0.01, 20.0
+        state.slip_ahead = 0.01 * 20.0 / 0.8 + above * 0.05
+        step.come_back(state, p, 0.05)
+        assert state.returning == returning
+    assert state.waiting == pytest.approx(p.dead_time + p.observer_time)
 
 
 def test_a_peak_is_remembered_only_while_slip_rises(p, state):
@@ -400,15 +402,15 @@ def test_the_memory_fades_near_its_slip_and_not_far_past_it(p, state, slip, fade
 @pytest.mark.parametrize(("v", "share"), [(100.0, 0.97 - 0.12 * CONTROL.hand_over_speed / 100.0), (3.0, 0.85)])
 def test_after_a_return_less_is_held_than_the_peak_had_and_the_less_the_slower_the_train_is(p, state, v, share):
     state.torque_limit, state.top_torque, state.deceleration = 1900.0, 2000.0, 2.0
-    state.filtered_speed, state.filtered_sigma, state.torque_ahead = 20.0, 0.1, 1000.0
-    state.speed_ahead = v
+    state.filtered_speed, state.filtered_sigma, state.torque_ahead, state.speed_ahead = 20.0, 0.1, 1000.0, v
     most = share * 1900.0 + PARK2008.effective_inertia / PARK2008.wheel.radius * 2.0
-    gain = CONTROL.reaching_rate + CONTROL.switching_gain / CONTROL.layer
-    expected = 1000.0 + CONTROL.lag * gain * (most - 1000.0)
+    expected = 1000.0 + GAIN * (most - 1000.0)
     assert step.limited(state, p, 1e5, 0.015) == pytest.approx(expected)
     assert step.limited(state, p, 500.0, 0.015) == pytest.approx(expected)  # with less slip than the reference
     state.remembered_slip = 0.02
     assert step.limited(state, p, 500.0, 0.015) == 500.0
+    state.waiting = 0.2  # now the predicted slip decides, 0
+    assert step.limited(state, p, 500.0, 0.015) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -581,7 +583,7 @@ def test_certificate_of_the_inner_loop(rail, slip, late):
 def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
     """Ms at most 2 at every operating point of the default envelope from 10 to 100 km/h, as it runs; stable with every
     tolerance where it is hardest, on dry bristle rail at the ends of the speeds."""
-    car = load_vehicle(DESIGNS / f"{name}.toml") if name else PARK2008
+    car = load_vehicle(ROOT / f"designs/vehicles/{name}.toml") if name else PARK2008
     control = Seeking.for_vehicle(car)
     speeds = Envelope.model_fields["speeds"].default  # not those of a faster vehicle's limit
     envelope = Envelope(car, speeds=speeds, initial_speed=max(speeds))
